@@ -1,0 +1,140 @@
+"""The solver's settings: on a stage as IsoluxSolverAPI, in Python as SolverSettings.
+
+Each field but `threads` is the attribute `isolux:<fieldInCamelCase>` of the schema, with the same
+default and range. The solver stops at whichever active stopping criterion it meets first;
+`target_error`, `time_budget` and `photons` are active where above 0.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import Field, dataclass, field, fields, replace
+from typing import Any, Literal, get_args
+
+from pxr import Usd, UsdRender
+
+from .errors import SettingsError
+from .plugin_registration import SOLVER_API, require_schema
+
+FilterInterval = Literal["corrected", "paper"]
+
+
+def _number(default: float, minimum: float, maximum: float = math.inf) -> Any:
+    return field(default=default, metadata={"minimum": minimum, "maximum": maximum})
+
+
+@dataclass(frozen=True, slots=True)
+class SolverSettings:
+    """Settings of one run of the solver. Raises SettingsError for a value out of its range.
+
+    target_error : relative RMS error of the illuminance at which to stop; 0.05, not 5 %
+    time_budget : s of solving after which to stop
+    photons : number of emitted photons at which to stop
+    seed : of the counter-based random numbers
+    stages : number of progressive stages
+    filter_accuracy : relative deviation at which a filter support stops growing
+    filter_sharing : d_f, fraction of the support radius within which vertices share a value
+    filter_interval : confidence interval of a photon count, corrected or as in the paper
+    crease_angle : degrees between adjacent faces above which an edge without authored normals
+        is a crease
+    threads : 0 for all processors; no attribute of a stage, since it belongs to the machine
+    """
+
+    target_error: float = _number(0.05, 0.0, 1.0)
+    time_budget: float = _number(0.0, 0.0)
+    photons: int = _number(0, 0)
+    seed: int = _number(0, 0, 2**31 - 1)
+    stages: int = _number(8, 1, 64)
+    filter_accuracy: float = _number(0.05, 0.001, 1.0)
+    filter_sharing: float = _number(0.25, 0.0, 1.0)
+    filter_interval: FilterInterval = field(
+        default="corrected", metadata={"choices": get_args(FilterInterval)}
+    )
+    crease_angle: float = _number(40.0, 0.0, 180.0)
+    threads: int = _number(0, 0)
+
+    def __post_init__(self) -> None:
+        for setting in fields(self):
+            _check(setting, getattr(self, setting.name))
+        if self.target_error == self.time_budget == self.photons == 0:
+            raise SettingsError(
+                "target_error, time_budget and photons", "0 for all three", "one of them above 0"
+            )
+
+    def with_budget(
+        self,
+        *,
+        target_error: float | None = None,
+        time_budget: float | None = None,
+        photons: int | None = None,
+    ) -> SolverSettings:
+        """The settings with these stopping criteria and no others; None for all: unchanged."""
+        if target_error is None and time_budget is None and photons is None:
+            return self
+        return replace(
+            self,
+            target_error=0.0 if target_error is None else target_error,
+            time_budget=0.0 if time_budget is None else time_budget,
+            photons=0 if photons is None else photons,
+        )
+
+
+def attribute_name(field_name: str) -> str:
+    """Schema attribute of a field: filter_accuracy gives isolux:filterAccuracy."""
+    first, *others = field_name.split("_")
+    return "isolux:" + first + "".join(word.capitalize() for word in others)
+
+
+def settings_from_stage(stage: Usd.Stage) -> SolverSettings:
+    """Settings on the RenderSettings prim that the stage's renderSettingsPrimPath names.
+
+    Defaults where the stage names none, or one without IsoluxSolverAPI. Raises SettingsError,
+    naming the attribute, for a value out of its range or one authored without IsoluxSolverAPI,
+    and where the named prim is missing.
+    """
+    require_schema()
+    path = stage.GetMetadata("renderSettingsPrimPath")
+    if not path:
+        return SolverSettings()
+    render_settings = UsdRender.Settings.GetStageRenderSettings(stage)
+    if not render_settings:
+        raise SettingsError(
+            path, "no RenderSettings prim", "the prim that renderSettingsPrimPath names"
+        )
+    prim = render_settings.GetPrim()
+    attributes = {
+        setting.name: prim.GetAttribute(attribute_name(setting.name))
+        for setting in fields(SolverSettings)
+        if setting.name != "threads"
+    }
+    if not prim.HasAPI(SOLVER_API):
+        for attribute in attributes.values():
+            if attribute and attribute.HasAuthoredValue():
+                raise SettingsError(
+                    str(attribute.GetPath()), f"no {SOLVER_API} on its prim", "it in apiSchemas"
+                )
+        return SolverSettings()
+    values = {name: attribute.Get() for name, attribute in attributes.items()}
+    try:
+        # A blocked attribute has no value: the default holds.
+        return SolverSettings(**{name: v for name, v in values.items() if v is not None})
+    except SettingsError as error:
+        attribute = attributes.get(error.subject)
+        subject = str(attribute.GetPath()) if attribute else f"{path}: {error.subject}"
+        raise SettingsError(subject, error.found, error.wanted) from None
+
+
+def _check(setting: Field[Any], value: Any) -> None:
+    """Raise SettingsError unless the value has the type of the default and lies in the range."""
+    choices = setting.metadata.get("choices")
+    if choices is not None:
+        if value not in choices:
+            raise SettingsError(setting.name, repr(value), " or ".join(choices))
+        return
+    minimum, maximum = setting.metadata["minimum"], setting.metadata["maximum"]
+    whole = isinstance(setting.default, int)
+    right_type = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
+    if not (right_type and minimum <= value < math.inf and value <= maximum):
+        kind = "an int" if whole else "a float"
+        interval = f"[{minimum}, inf)" if maximum == math.inf else f"[{minimum}, {maximum}]"
+        raise SettingsError(setting.name, repr(value), f"{kind} in {interval}")

@@ -1,0 +1,325 @@
+"""Reads one UsdLux light of a stage as a luminaire: shape, colour, luminous flux, directions.
+
+A plain light follows UsdLux: its luminance in cd/m² is intensity · 2^exposure · colour ·
+blackbody(colorTemperature), over its area in stage units where `normalize` is on; shaping scales
+that luminance by direction. A light with IsoluxLuminaireAPI is absolute: candela as in its
+goniometric diagram, and its shape says only where photons start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Usd, UsdGeom, UsdLux
+
+from .errors import PhotometryError, SceneError
+from .light_shaping import Shaping, mirrored, scaled_vertically, shaped_diagram, turned
+from .photometry import inline_diagram, luminous_flux, read_photometric_bytes
+from .reading_context import ReadingContext, read_asset, triple
+from .scene_description import GoniometricDiagram, LuminaireDescription, LuminaireShape
+from .solution import LUMINANCE_WEIGHTS
+
+SHAPES: dict[str, LuminaireShape] = {
+    "SphereLight": "sphere",
+    "DiskLight": "disk",
+    "RectLight": "rect",
+    "CylinderLight": "cylinder",
+}
+# Scales of one light that differ by less are one scale.
+UNEQUAL_SCALE = 1e-3
+# C angle at which C0 of an absolute diagram lies, rad, by inputs:isolux:c0Axis.
+C0_AXES = {"+X": 0.0, "+Y": np.pi / 2, "-X": np.pi, "-Y": 3 * np.pi / 2}
+# Inputs without a part in the solution: what they are worth where they change nothing.
+IGNORED_INPUTS = {
+    "inputs:diffuse": (1.0, "a scale on diffuse response isn't physical"),
+    "inputs:shadow:enable": (True, "every luminaire casts shadows"),
+    "inputs:texture:file": (Sdf.AssetPath(), "its texture is not read: one luminance all over"),
+}
+# Inputs that absolute photometry leaves no part, with their fallbacks.
+RELATIVE_INPUTS = {
+    "inputs:intensity": 1.0,
+    "inputs:exposure": 0.0,
+    "inputs:shaping:cone:angle": 90.0,
+    "inputs:shaping:focus": 0.0,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """A light's shape in world space; see LuminaireDescription.
+
+    area : luminous area, m^2
+    is_mirrored : local +Y lies along −axes[1]
+    """
+
+    shape: LuminaireShape
+    origin: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    size: NDArray[np.float64]
+    area: float
+    is_mirrored: bool
+
+
+def read_light(prim: Usd.Prim, context: ReadingContext) -> LuminaireDescription | None:
+    """A light prim as a luminaire; None where it has no part, with a finding that says why.
+
+    Raises SceneError where its inputs are no numbers, PhotometryError where its photometric
+    file or inline diagram can't be used.
+    """
+    if prim.GetTypeName() not in SHAPES:
+        context.note(prim, _light_kind(prim), "skipped", "this kind of light is not read yet")
+        return None
+    placement = _read_placement(prim, context)
+    if placement is None:
+        return None
+    _note_what_is_not_read(prim, context)
+    colour = _read_colour(prim, context)
+    is_absolute = "IsoluxLuminaireAPI" in prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+    read_emission = _absolute_emission if is_absolute else _usdlux_emission
+    emission = read_emission(prim, placement, colour, context)
+    if emission is None:
+        return None
+    flux, diagram = emission
+    if flux <= 0 or colour @ LUMINANCE_WEIGHTS <= 0:
+        context.note(prim, _light_kind(prim), "skipped", "its luminous flux is zero or negative")
+        return None
+    return LuminaireDescription(
+        path=str(prim.GetPath()),
+        shape=placement.shape,
+        origin=placement.origin,
+        axes=placement.axes,
+        size=placement.size,
+        colour=colour / (colour @ LUMINANCE_WEIGHTS),
+        luminous_flux=flux,
+        diagram=diagram,
+    )
+
+
+def _light_kind(prim: Usd.Prim) -> str:
+    """The light's type, or the API that makes a light of a surface."""
+    return "LightAPI" if prim.IsA(UsdGeom.Gprim) else str(prim.GetTypeName()) or "LightAPI"
+
+
+def _number(prim: Usd.Prim, name: str, default: float, context: ReadingContext) -> float:
+    """A float input; raises SceneError where it is NaN or infinite."""
+    value = float(context.value(prim, name, default))
+    if not np.isfinite(value):
+        raise SceneError(str(prim.GetPath()), f"{name} = {value}", "a finite number")
+    return value
+
+
+def _channels(
+    prim: Usd.Prim, name: str, default: tuple[float, float, float], context: ReadingContext
+) -> NDArray[np.float64]:
+    """(3,) float64, a colour input; raises SceneError where a channel is negative or no number."""
+    colour = np.array(context.value(prim, name, default), float)
+    if not np.isfinite(colour).all() or (colour < 0).any():
+        raise SceneError(str(prim.GetPath()), f"{name} = {triple(colour)}", "channels of 0 or more")
+    return colour
+
+
+def _read_placement(prim: Usd.Prim, context: ReadingContext) -> Placement | None:
+    """Where a light is; None, with a finding, where its transform is singular."""
+    to_world = context.world_matrix(prim)
+    kind = _light_kind(prim)
+    if to_world is None:
+        context.note(prim, kind, "skipped", "its transform is singular or not finite")
+        return None
+    local_x, local_y, local_z = to_world[:3, :3]
+    scale_x, scale_y, scale_z = np.linalg.norm(to_world[:3, :3], axis=1)
+    # The luminous plane's normal, on the side of local +Z: a shear may tilt Z itself.
+    normal = np.cross(local_x, local_y)
+    breadth = np.linalg.norm(normal)
+    is_mirrored = bool(normal @ local_z < 0)
+    axis_x = local_x / scale_x
+    axis_z = normal / breadth * (-1 if is_mirrored else 1)
+    axes = np.array([axis_x, np.cross(axis_z, axis_x), axis_z])
+
+    radius = _number(prim, "inputs:radius", 0.5, context)
+    shape = SHAPES[kind]
+    if shape == "sphere":
+        scales = [scale_x, scale_y, scale_z]
+        size = np.array([radius * np.mean(scales), 0.0])
+        area = 4 * np.pi * size[0] ** 2
+    elif shape == "disk":
+        scales = [scale_x, scale_y]
+        size = np.array([radius * np.sqrt(breadth), 0.0])  # the area of the ellipse
+        area = np.pi * size[0] ** 2
+    elif shape == "rect":
+        scales = []
+        width = _number(prim, "inputs:width", 1.0, context)
+        height = _number(prim, "inputs:height", 1.0, context)
+        size = np.array([width * scale_x, height * breadth / scale_x])
+        area = size[0] * size[1]
+    else:
+        scales = [scale_y, scale_z]
+        length = _number(prim, "inputs:length", 1.0, context)
+        size = np.array([radius * np.mean(scales), length * scale_x])
+        area = 2 * np.pi * size[0] * size[1]
+    if (size < 0).any():
+        raise SceneError(
+            str(prim.GetPath()), f"size {size[0]:g}, {size[1]:g}", "sizes of 0 or more"
+        )
+    if scales and max(scales) > min(scales) * (1 + UNEQUAL_SCALE):
+        reason = "scaled unevenly: read with its mean scale"
+        context.note(prim, kind, "approximated", reason)
+    if breadth < scale_x * scale_y * (1 - UNEQUAL_SCALE):
+        context.note(prim, kind, "approximated", "sheared: read without its shear")
+    metres = context.meters_per_unit
+    return Placement(
+        shape, to_world[3, :3] * metres, axes, size * metres, float(area) * metres**2, is_mirrored
+    )
+
+
+def _note_what_is_not_read(prim: Usd.Prim, context: ReadingContext) -> None:
+    for name, (neutral, reason) in IGNORED_INPUTS.items():
+        if context.value(prim, name, neutral) != neutral:
+            context.note(prim, name, "approximated", reason)
+    light = UsdLux.LightAPI(prim)
+    if light.GetFiltersRel().GetTargets():
+        context.note(prim, "light:filters", "approximated", "its light filters are not read")
+    for name in ("lightLink", "shadowLink"):
+        linked = Usd.CollectionAPI(prim, name)
+        restricted = any(
+            relationship.GetTargets()
+            for relationship in (linked.GetIncludesRel(), linked.GetExcludesRel())
+        )
+        if restricted or linked.GetIncludeRootAttr().Get() is False:
+            reason = "light linking is not physical: it lights and shadows everything"
+            context.note(prim, name, "approximated", reason)
+    inputs = [a for a in prim.GetAttributes() if a.GetName().startswith("inputs:")]
+    context.note_animation(prim, inputs)
+
+
+def _read_colour(prim: Usd.Prim, context: ReadingContext) -> NDArray[np.float64]:
+    """(3,) float64 colour × blackbody, linear Rec. 709, not normalised."""
+    colour = _channels(prim, "inputs:color", (1, 1, 1), context)
+    if context.value(prim, "inputs:enableColorTemperature", False):
+        temperature = _number(prim, "inputs:colorTemperature", 6500.0, context)
+        colour = colour * np.array(UsdLux.BlackbodyTemperatureAsRgb(temperature))
+    return colour
+
+
+def _usdlux_emission(
+    prim: Usd.Prim, placement: Placement, colour: NDArray[np.float64], context: ReadingContext
+) -> tuple[float, GoniometricDiagram | None] | None:
+    """Luminous flux (lm) and far field of a plain UsdLux light; None where it has no area."""
+    intensity = _number(prim, "inputs:intensity", 1.0, context)
+    exposure = _number(prim, "inputs:exposure", 0.0, context)
+    with np.errstate(over="ignore"):
+        luminance = float(intensity * np.exp2(exposure) * (colour @ LUMINANCE_WEIGHTS))
+    if not np.isfinite(luminance):
+        found = f"intensity {intensity:g}, exposure {exposure:g}"
+        raise SceneError(str(prim.GetPath()), found, "a finite luminance")
+    normalised = context.value(prim, "inputs:normalize", False)
+    if not normalised and placement.area == 0:
+        reason = "no area to shine from: needs a size, normalize or IsoluxLuminaireAPI"
+        context.note(prim, _light_kind(prim), "skipped", reason)
+        return None
+    # Normalised, the luminance is over the area in stage units, which leaves m² per unit².
+    area = context.meters_per_unit**2 if normalised else placement.area
+    shaping = _read_shaping(prim, context)
+    if shaping.is_plain or luminance <= 0:
+        return np.pi * luminance * area, None
+    diagram = shaped_diagram(placement.shape, luminance * area, shaping)
+    return _integrate(diagram), mirrored(diagram) if placement.is_mirrored else diagram
+
+
+def _read_shaping(prim: Usd.Prim, context: ReadingContext) -> Shaping:
+    """ShapingAPI's inputs as they stand, its schema's fallbacks included."""
+    profile = None
+    if prim.GetAttribute("inputs:shaping:ies:file").HasAuthoredValue():
+        profile = _photometric_file(prim, "inputs:shaping:ies:file", context)
+    if profile is not None:
+        # UsdLux multiplies by the profile's power where its purpose, to keep the light's output,
+        # needs a division: do what it is for, as renderers do.
+        if context.value(prim, "inputs:shaping:ies:normalize", False):
+            mean = _integrate(profile) / (4 * np.pi)
+            candela = profile.candela / mean if mean > 0 else profile.candela
+            profile = GoniometricDiagram(profile.gamma, profile.c_angles, candela)
+        scale = _number(prim, "inputs:shaping:ies:angleScale", 0.0, context)
+        profile = scaled_vertically(profile, scale)
+    cone = prim.GetAttribute("inputs:shaping:cone:angle")
+    # The fallback of 90° would cut off a profile's uplight.
+    has_cone = cone.HasAuthoredValue() or (profile is None and cone.HasValue())
+    angle = np.radians(_number(prim, "inputs:shaping:cone:angle", 90.0, context))
+    tint = _channels(prim, "inputs:shaping:focusTint", (0, 0, 0), context)
+    focus = _number(prim, "inputs:shaping:focus", 0.0, context)
+    if focus > 0 and np.ptp(tint) > 0:
+        reason = "tints by direction: taken by its luminance"
+        context.note(prim, "shaping:focusTint", "approximated", reason)
+    return Shaping(
+        cone_angle=float(max(angle, 0.0)) if has_cone and angle < np.pi else None,
+        cone_softness=float(
+            np.clip(_number(prim, "inputs:shaping:cone:softness", 0.0, context), 0, 1)
+        ),
+        focus=focus,
+        focus_tint=float(tint @ LUMINANCE_WEIGHTS),
+        profile=profile,
+    )
+
+
+def _absolute_emission(
+    prim: Usd.Prim, placement: Placement, colour: NDArray[np.float64], context: ReadingContext
+) -> tuple[float, GoniometricDiagram | None]:
+    """Luminous flux (lm) and far field of a light with IsoluxLuminaireAPI."""
+    for name, neutral in RELATIVE_INPUTS.items():
+        if context.value(prim, name, neutral) != neutral:
+            reason = "does not apply to absolute photometry; inputs:isolux:dimming does"
+            context.note(prim, name, "noted", reason)
+    path = str(prim.GetPath())
+    declared = _number(prim, "inputs:isolux:luminousFlux", 0.0, context)
+    dimming = _number(prim, "inputs:isolux:dimming", 1.0, context)
+    for name, value in (("luminousFlux", declared), ("dimming", dimming)):
+        if value < 0:
+            raise SceneError(path, f"inputs:isolux:{name} = {value:g}", "0 or more")
+    diagram = _absolute_diagram(prim, context)
+    if diagram is None:
+        if declared == 0:
+            found = "IsoluxLuminaireAPI without a file, an inline diagram or a luminous flux"
+            raise PhotometryError(path, found, "one of them")
+        return declared * dimming, None
+    axis = str(context.value(prim, "inputs:isolux:c0Axis", "+X"))
+    if axis not in C0_AXES:
+        raise SceneError(path, f'inputs:isolux:c0Axis = "{axis}"', "one of " + ", ".join(C0_AXES))
+    diagram = turned(diagram, C0_AXES[axis])
+    own_flux = _integrate(diagram)
+    flux = (declared or own_flux) * dimming if own_flux > 0 else 0.0
+    return flux, mirrored(diagram) if placement.is_mirrored else diagram
+
+
+def _absolute_diagram(prim: Usd.Prim, context: ReadingContext) -> GoniometricDiagram | None:
+    """The inline diagram, else that of the light's own file, else of its UsdLux profile."""
+    gamma, c_angles, candela = (
+        np.array(context.value(prim, f"inputs:isolux:{name}", []), dtype=np.float64)
+        for name in ("gammaAngles", "cAngles", "candela")
+    )
+    if len(gamma) or len(c_angles) or len(candela):
+        return inline_diagram(gamma, c_angles, candela, str(prim.GetPath()))
+    diagram = _photometric_file(prim, "inputs:isolux:file", context)
+    return diagram or _photometric_file(prim, "inputs:shaping:ies:file", context)
+
+
+def _photometric_file(
+    prim: Usd.Prim, name: str, context: ReadingContext
+) -> GoniometricDiagram | None:
+    """The diagram in the photometric file that an attribute names; None where it names none."""
+    asset = context.value(prim, name, Sdf.AssetPath())
+    if not asset.path:
+        return None
+    contents = read_asset(asset)
+    if contents is None:
+        raise PhotometryError(str(prim.GetPath()), f"no file {asset.path}", "an IES or LDT file")
+    photometric = read_photometric_bytes(contents, f"{prim.GetPath()} ({asset.path})")
+    for warning in photometric.warnings:
+        context.note(prim, name, "noted", warning)
+    return photometric.diagram
+
+
+def _integrate(diagram: GoniometricDiagram) -> float:
+    """Luminous flux of a diagram, lm; 0 as well where shaping has left no directions."""
+    if len(diagram.gamma) < 2 or not diagram.candela.any():
+        return 0.0
+    return float(luminous_flux(diagram))

@@ -1,0 +1,156 @@
+"""Reads one polygon mesh of a stage: points in metres, faces, normals, orientation.
+
+Subdivision surfaces are read as their control cage, skinned meshes in their rest pose.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from .materials import MaterialReader
+from .mesh_topology import MeshTopology
+from .reading_context import ReadingContext
+from .scene_description import MeshDescription
+
+# Faces on which authored normals are compared with the winding: enough to tell a majority.
+NORMAL_CHECK_FACES = 2000
+
+
+def read_mesh(
+    prim: Usd.Prim, context: ReadingContext, materials: MaterialReader
+) -> MeshDescription | None:
+    """A mesh prim as arrays; None where it can't be used, with a finding that says why.
+
+    Raises SceneError where its reflectance is none.
+    """
+    mesh = UsdGeom.Mesh(prim)
+    to_world = context.world_matrix(prim)
+    if to_world is None:
+        context.note(prim, "Mesh", "skipped", "its transform is singular or not finite")
+        return None
+    points = _array(mesh.GetPointsAttr(), context.time, np.float32).reshape(-1, 3)
+    if not np.isfinite(points).all():
+        context.note(prim, "Mesh", "skipped", "points that are NaN or infinite")
+        return None
+    topology = MeshTopology(
+        _array(mesh.GetFaceVertexCountsAttr(), context.time, np.int32),
+        _array(mesh.GetFaceVertexIndicesAttr(), context.time, np.int32),
+        len(points),
+    )
+    fault = topology.fault()
+    if fault:
+        context.note(prim, "Mesh", "skipped", fault)
+        return None
+    degenerate = topology.degenerate_faces()
+    if degenerate.any():
+        reason = f"{degenerate.sum()} faces without area: under 3 corners or a point used twice"
+        context.note(prim, "Mesh", "repaired", reason)
+
+    world = points.astype(np.float64) @ to_world[:3, :3] + to_world[3, :3]
+    mirrored = bool(np.linalg.det(to_world[:3, :3]) < 0)
+    left_handed = mesh.GetOrientationAttr().Get(context.time) == UsdGeom.Tokens.leftHanded
+    flip_winding = left_handed != mirrored
+    _note_what_is_not_read(mesh, context)
+    normals = None
+    if mesh.GetSubdivisionSchemeAttr().Get(context.time) == UsdGeom.Tokens.none:
+        normals = _corner_normals(mesh, topology, to_world, world, flip_winding, context)
+    return MeshDescription(
+        path=str(prim.GetPath()),
+        points=world * context.meters_per_unit,
+        face_vertex_counts=topology.counts,
+        face_vertex_indices=topology.indices,
+        corner_normals=normals,
+        hole_faces=_hole_faces(mesh, len(topology.counts), context),
+        reflectance=materials.reflectance(mesh, topology),
+        double_sided=bool(mesh.GetDoubleSidedAttr().Get(context.time)),
+        flip_winding=flip_winding,
+    )
+
+
+def _array(attribute: Usd.Attribute, time: Usd.TimeCode, dtype: type) -> NDArray:
+    """The values of an array attribute; empty where it has none."""
+    values = attribute.Get(time)
+    return np.zeros(0, dtype) if values is None else np.asarray(values, dtype)
+
+
+def _note_what_is_not_read(mesh: UsdGeom.Mesh, context: ReadingContext) -> None:
+    prim = mesh.GetPrim()
+    scheme = mesh.GetSubdivisionSchemeAttr().Get(context.time)
+    if scheme != UsdGeom.Tokens.none:
+        reason = f"{scheme} read as its control cage; subdivision is not read yet"
+        context.note(prim, "subdivisionScheme", "approximated", reason)
+    if any(prim.HasAttribute(f"primvars:skel:{name}") for name in ("jointIndices", "joints")):
+        context.note(prim, "SkelBindingAPI", "approximated", "skinned mesh read in its rest pose")
+    if prim.GetRelationship("skel:blendShapeTargets").HasAuthoredTargets():
+        context.note(prim, "BlendShape", "approximated", "read without its blend shapes")
+    context.note_animation(prim, [mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr()])
+
+
+def _hole_faces(mesh: UsdGeom.Mesh, face_count: int, context: ReadingContext) -> NDArray[np.int32]:
+    holes = np.unique(_array(mesh.GetHoleIndicesAttr(), context.time, np.int32))
+    inside = holes[(holes >= 0) & (holes < face_count)]
+    if len(inside) < len(holes):
+        reason = f"{len(holes) - len(inside)} hole indices name no face and are ignored"
+        context.note(mesh.GetPrim(), "holeIndices", "repaired", reason)
+    if len(inside):
+        reason = f"{len(inside)} hole faces are left open"
+        context.note(mesh.GetPrim(), "holeIndices", "noted", reason)
+    return inside
+
+
+def _corner_normals(
+    mesh: UsdGeom.Mesh,
+    topology: MeshTopology,
+    to_world: NDArray[np.float64],
+    world: NDArray[np.float64],
+    flip_winding: bool,
+    context: ReadingContext,
+) -> NDArray[np.float32] | None:
+    """(C, 3) float32 authored unit normals in world space; None where there are none to trust."""
+    prim = mesh.GetPrim()
+    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals")
+    if primvar and primvar.HasAuthoredValue():  # precedes the attribute [UsdGeomPointBased]
+        authored = primvar.ComputeFlattened(context.time)
+        interpolation = str(primvar.GetInterpolation())
+    else:
+        authored = mesh.GetNormalsAttr().Get(context.time)
+        interpolation = str(mesh.GetNormalsInterpolation())
+        if authored is None:
+            return None
+    values = np.asarray(authored if authored else [], dtype=np.float64).reshape(-1, 3)
+    if not topology.has_values(values, interpolation):
+        reason = (
+            f"{len(values)} {interpolation} normals, {topology.value_count(interpolation)} wanted"
+        )
+        context.note(prim, "normals", "repaired", reason + ": geometric ones instead")
+        return None
+    if not (np.isfinite(values).all() and values.any(axis=1).all()):
+        reason = "some are zero or not finite: geometric ones instead"
+        context.note(prim, "normals", "repaired", reason)
+        return None
+    # The inverse transpose keeps outward normals outward, under mirroring as well.
+    turned = values @ np.linalg.inv(to_world[:3, :3]).T
+    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+    corners = topology.to_corners(turned.astype(np.float32), interpolation)
+    if _oppose_winding(corners, topology, world, flip_winding):
+        reason = "most point to the back of their faces: geometric ones instead"
+        context.note(prim, "normals", "repaired", reason)
+        return None
+    return np.ascontiguousarray(corners)
+
+
+def _oppose_winding(
+    corner_normals: NDArray[np.float32],
+    topology: MeshTopology,
+    world: NDArray[np.float64],
+    flip_winding: bool,
+) -> bool:
+    """Whether most authored normals point to the side that the corner order calls the back."""
+    faces = np.flatnonzero(topology.counts >= 3)
+    faces = faces[:: max(1, len(faces) // NORMAL_CHECK_FACES)]
+    geometric = topology.face_normals(world, faces) * (-1.0 if flip_winding else 1.0)
+    authored = corner_normals[topology.starts[faces]]
+    side = np.einsum("ij,ij->i", geometric, authored)
+    return bool((side < 0).sum() > (side > 0).sum())

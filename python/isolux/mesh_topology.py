@@ -1,0 +1,109 @@
+"""Faces and corners of a polygon mesh, and values spread over them by primvar interpolation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class MeshTopology:
+    """Which points each face joins.
+
+    counts : (F,) int32, corners of each face
+    indices : (C,) int32, point of each corner
+    point_count : P
+    """
+
+    counts: NDArray[np.int32]
+    indices: NDArray[np.int32]
+    point_count: int
+
+    def fault(self) -> str | None:
+        """What makes the topology unreadable, in words; None where it is sound."""
+        if len(self.counts) == 0:
+            return "no faces"
+        if self.counts.min() < 0:
+            return f"a face of {self.counts.min()} corners"
+        corners = int(self.counts.sum(dtype=np.int64))
+        if corners != len(self.indices):
+            return f"{corners} corners by faceVertexCounts, {len(self.indices)} faceVertexIndices"
+        if corners == 0:
+            return "faces without corners"
+        low, high = int(self.indices.min()), int(self.indices.max())
+        if low < 0 or high >= self.point_count:
+            wrong = low if low < 0 else high
+            return f"a corner at point {wrong} of {self.point_count} points"
+        return None
+
+    @property
+    def starts(self) -> NDArray[np.int64]:
+        """(F,) int64, first corner of each face."""
+        return np.cumsum(self.counts, dtype=np.int64) - self.counts
+
+    def degenerate_faces(self) -> NDArray[np.bool_]:
+        """(F,) bool: fewer than three corners, or a point used twice."""
+        degenerate = self.counts < 3
+        starts = self.starts
+        for size in np.unique(self.counts[~degenerate]):
+            faces = np.flatnonzero(self.counts == size)
+            points = np.sort(self.indices[starts[faces, None] + np.arange(size)], axis=1)
+            degenerate[faces] = (points[:, 1:] == points[:, :-1]).any(axis=1)
+        return degenerate
+
+    def value_count(self, interpolation: str) -> int | None:
+        """How many values a primvar of this interpolation has; None: no such interpolation."""
+        return {
+            "constant": 1,
+            "uniform": len(self.counts),
+            "vertex": self.point_count,
+            "varying": self.point_count,
+            "faceVarying": len(self.indices),
+        }.get(interpolation)
+
+    def has_values(self, values: NDArray[Any], interpolation: str) -> bool:
+        """Whether (n, K) values are as many as the interpolation wants."""
+        return len(values) == self.value_count(interpolation)
+
+    def to_corners(self, values: NDArray[Any], interpolation: str) -> NDArray[Any]:
+        """(n, K) values spread to (C, K); n as `value_count` says."""
+        if interpolation == "constant":
+            return np.broadcast_to(values, (len(self.indices), values.shape[1]))
+        if interpolation == "uniform":
+            return np.repeat(values, self.counts, axis=0)
+        return values if interpolation == "faceVarying" else values[self.indices]
+
+    def to_faces(self, values: NDArray[Any], interpolation: str) -> NDArray[Any]:
+        """(n, K) values as (1, K) or (F, K): a face takes the mean of its corners."""
+        if interpolation in ("constant", "uniform"):
+            return values
+        corners = self.to_corners(values, interpolation)
+        sums = np.zeros((len(corners) + 1, values.shape[1]))
+        np.cumsum(corners, axis=0, dtype=np.float64, out=sums[1:])
+        starts = self.starts
+        totals = sums[starts + self.counts] - sums[starts]
+        return totals / np.maximum(self.counts, 1)[:, None]
+
+    def face_normals(
+        self, points: NDArray[np.float64], faces: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Area vectors by the corner order, twice the area long (Newell's rule).
+
+        points : (P, 3) float64
+        faces : (n,) int64, which faces; none without corners
+        returns : (n, 3) float64
+        """
+        counts = self.counts[faces].astype(np.int64)
+        first = np.cumsum(counts) - counts  # where each chosen face begins among chosen corners
+        place = np.arange(counts.sum()) - np.repeat(first, counts)
+        start = np.repeat(self.starts[faces], counts)
+        here = points[self.indices[start + place]]
+        after = points[self.indices[start + (place + 1) % np.repeat(counts, counts)]]
+        # Relative to a point near the face, or far-off coordinates would drown its area.
+        origin = np.repeat(points[self.indices[self.starts[faces]]], counts, axis=0)
+        sums = np.zeros((len(here) + 1, 3))
+        np.cumsum(np.cross(here - origin, after - origin), axis=0, out=sums[1:])
+        return sums[first + counts] - sums[first]

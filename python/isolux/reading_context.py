@@ -1,0 +1,83 @@
+"""What reading a prim needs besides the prim: the time, world transforms, and where findings go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Ar, Sdf, Usd, UsdGeom
+
+from .scene_description import Finding, FindingAction
+
+# A transform that flattens one direction by more than this, relative to the others, is singular.
+SINGULAR_SCALE = 1e-12
+
+
+class ReadingContext:
+    """One reading of one stage.
+
+    time : at which attributes are read; the earliest samples where no time was asked for
+    meters_per_unit : m
+    findings : grows while the stage is read
+    """
+
+    def __init__(self, stage: Usd.Stage, time_code: float | None) -> None:
+        self.time = Usd.TimeCode.EarliestTime() if time_code is None else Usd.TimeCode(time_code)
+        self.meters_per_unit = float(UsdGeom.GetStageMetersPerUnit(stage))
+        self.findings: list[Finding] = []
+        self._transforms = UsdGeom.XformCache(self.time)
+        self._still: set[Sdf.Path] = set()
+
+    def note(
+        self, prim: Usd.Prim | Sdf.Path, kind: str, action: FindingAction, reason: str
+    ) -> None:
+        """Record a finding about a prim."""
+        path = prim.GetPath() if isinstance(prim, Usd.Prim) else prim
+        self.findings.append(Finding(str(path), kind, action, reason))
+
+    def value(self, prim: Usd.Prim, name: str, default: Any) -> Any:
+        """The attribute's value at the time of reading, or `default` where it has none."""
+        found = prim.GetAttribute(name).Get(self.time) if prim.HasAttribute(name) else None
+        return default if found is None else found
+
+    def world_matrix(self, prim: Usd.Prim) -> NDArray[np.float64] | None:
+        """(4, 4) float64 local-to-world for row vectors, in stage units; None where singular."""
+        matrix = np.array(self._transforms.GetLocalToWorldTransform(prim))
+        if not np.isfinite(matrix).all() or not np.array_equal(matrix[:, 3], (0, 0, 0, 1)):
+            return None
+        scales = np.linalg.svd(matrix[:3, :3], compute_uv=False)
+        return matrix if scales[-1] > SINGULAR_SCALE * scales[0] else None
+
+    def note_animation(self, prim: Usd.Prim, attributes: list[Usd.Attribute]) -> None:
+        """Say that a prim moves or changes, and at which time it is read.
+
+        A moving transform is reported once, at the prim that moves.
+        """
+        when = "at the earliest time" if self.time.IsEarliestTime() else f"at time {self.time}"
+        animated = [a.GetName() for a in attributes if a and a.ValueMightBeTimeVarying()]
+        if animated:
+            more = f" and {len(animated) - 3} more" if len(animated) > 3 else ""
+            reason = f"animated {', '.join(animated[:3])}{more} read {when}"
+            self.note(prim, "animation", "noted", reason)
+        while prim and prim.GetPath() not in self._still:
+            self._still.add(prim.GetPath())
+            if (
+                prim.IsA(UsdGeom.Xformable)
+                and UsdGeom.Xformable(prim).TransformMightBeTimeVarying()
+            ):
+                self.note(prim, "animation", "noted", f"animated transform read {when}")
+            prim = prim.GetParent()
+
+
+def read_asset(path: Sdf.AssetPath) -> bytes | None:
+    """The bytes behind a resolved asset path, out of a usdz package as well; None: not there."""
+    resolved = path.resolvedPath
+    asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(resolved)) if resolved else None
+    return bytes(asset.GetBuffer() or b"") if asset else None
+
+
+def triple(value: Iterable[float]) -> str:
+    """A colour as text for messages."""
+    return "(" + ", ".join(f"{channel:.6g}" for channel in value) + ")"

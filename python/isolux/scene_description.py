@@ -1,0 +1,128 @@
+"""What the solver needs of a stage: plain arrays in world space, metres and lumens.
+
+Nothing here knows USD; prim paths are kept as text, so that every later message can name its prim.
+World space is the stage's own axes (Y-up stays Y-up), scaled by `metersPerUnit`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+LuminaireShape = Literal["sphere", "disk", "rect", "cylinder"]
+FindingAction = Literal["skipped", "approximated", "repaired", "noted"]
+
+
+@dataclass(frozen=True, slots=True)
+class MeshDescription:
+    """One polygon mesh, corners in the order in which its prim authors them.
+
+    path : prim path
+    points : (P, 3) float64, metres, world space
+    face_vertex_counts : (F,) int32
+    face_vertex_indices : (C,) int32, each in [0, P)
+    corner_normals : (C, 3) float32, unit, world space, on the front side; None where not authored
+    hole_faces : (H,) int32, faces that are no surface
+    reflectance : (F, 3) or (1, 3) float32, linear Rec. 709, each in [0, 1)
+    double_sided : both sides receive and reflect light; else the back absorbs
+    flip_winding : the authored corner order runs clockwise seen from the front
+        (left-handed orientation or a mirroring transform, not both)
+    """
+
+    path: str
+    points: NDArray[np.float64]
+    face_vertex_counts: NDArray[np.int32]
+    face_vertex_indices: NDArray[np.int32]
+    corner_normals: NDArray[np.float32] | None
+    hole_faces: NDArray[np.int32]
+    reflectance: NDArray[np.float32]
+    double_sided: bool
+    flip_winding: bool
+
+
+@dataclass(frozen=True, slots=True)
+class GoniometricDiagram:
+    """Luminous intensity over direction: nadir is local -Z, C0 is local +X, C90 is local +Y.
+
+    Between the angles the intensity is bilinear in (gamma, C); outside the gamma range it is zero.
+
+    gamma : (G,) float64, rad, strictly increasing in [0, pi]
+    c_angles : (H,) float64, rad, strictly increasing; either [0] (axially symmetric)
+        or from 0 to 2 pi inclusive (symmetries already unfolded)
+    candela : (H, G) float64, cd, >= 0
+    """
+
+    gamma: NDArray[np.float64]
+    c_angles: NDArray[np.float64]
+    candela: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class LuminaireDescription:
+    """One luminaire: a shape in space, how much light it gives and in which directions.
+
+    path : prim path
+    shape : sphere (size: radius, 0), disk (radius, 0), rect (width along X, height along Y),
+        cylinder (radius, length along X)
+    origin : (3,) float64, metres, world space
+    axes : (3, 3) float64, rows are the unit local X, Y, Z in world space, orthonormal
+    size : (2,) float64, metres
+    colour : (3,) float64, linear Rec. 709, scaled to luminance 1
+    luminous_flux : lm, > 0
+    diagram : directions by relative intensity, scaled to luminous_flux; None: a surface of
+        constant luminance (disk and rect shine to -Z, cylinder without its end caps)
+    """
+
+    path: str
+    shape: LuminaireShape
+    origin: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    size: NDArray[np.float64]
+    colour: NDArray[np.float64]
+    luminous_flux: float
+    diagram: GoniometricDiagram | None
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something on the stage that was not taken as it stands.
+
+    path : prim path
+    kind : schema type or attribute, such as "PointInstancer"
+    action : skipped (has no part in the solution), approximated, repaired, or noted
+    reason : one plain sentence without the path
+    """
+
+    path: str
+    kind: str
+    action: FindingAction
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class SceneDescription:
+    """A whole stage as the solver sees it. See `isolux.stage_reader.read_stage`.
+
+    meshes, luminaires : in stage order
+    findings : everything skipped, approximated or repaired, by prim path
+    meters_per_unit, up_axis : as the stage has them ("Y" or "Z")
+    time_code : the time at which attributes were read; None: the default time
+    source_hash : sha256 of the used layers' contents, hex
+    """
+
+    meshes: tuple[MeshDescription, ...]
+    luminaires: tuple[LuminaireDescription, ...]
+    findings: tuple[Finding, ...]
+    meters_per_unit: float
+    up_axis: str
+    time_code: float | None
+    source_hash: str = ""
+    read_seconds: float = field(default=0.0, compare=False)
+
+    @property
+    def luminous_flux(self) -> float:
+        """Total luminous flux of all luminaires, lm."""
+        return float(sum(luminaire.luminous_flux for luminaire in self.luminaires))

@@ -1,0 +1,201 @@
+"""Reads a USD stage into a `SceneDescription`: world space, metres, lumens, prim paths kept.
+
+Everything that a stage holds and the solver does not take as it stands becomes a `Finding`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from pathlib import Path
+
+from pxr import Ar, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdUtils
+
+from .errors import SceneError
+from .light_reader import read_light
+from .materials import MaterialReader
+from .mesh_reader import read_mesh
+from .reading_context import ReadingContext
+from .scene_description import LuminaireDescription, MeshDescription, SceneDescription
+
+SKIPPED_PURPOSES = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
+# Unloaded payloads are no part of the default predicate, and would go unseen.
+DEFINED_PRIMS = Usd.PrimIsActive & Usd.PrimIsDefined & ~Usd.PrimIsAbstract
+
+
+def read_stage(stage: Usd.Stage | str | Path, time_code: float | None = None) -> SceneDescription:
+    """Read meshes, their reflectance and the luminaires of a stage.
+
+    stage : an open stage, or the file of one
+    time_code : at which attributes are read; None: the stage's startTimeCode where it has one,
+        else the earliest sample of each attribute
+    Raises SceneError where the stage can't be opened or a reflectance is impossible, and
+    PhotometryError where a photometric file can't be used.
+    """
+    started = time.perf_counter()
+    diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # keeps USD from writing to stderr
+    try:
+        opened = stage if isinstance(stage, Usd.Stage) else _open(str(stage))
+        if time_code is None and opened.HasAuthoredMetadata("startTimeCode"):
+            time_code = opened.GetStartTimeCode()
+        context = ReadingContext(opened, time_code)
+        _note_composition_errors(opened, context)
+        meshes, luminaires = _read_prims(opened, context)
+        _note_diagnostics(diagnostics, context)
+        return SceneDescription(
+            meshes=tuple(meshes),
+            luminaires=tuple(luminaires),
+            findings=tuple(context.findings),
+            meters_per_unit=context.meters_per_unit,
+            up_axis=str(UsdGeom.GetStageUpAxis(opened)),
+            time_code=time_code,
+            source_hash=_source_hash(opened),
+            read_seconds=time.perf_counter() - started,
+        )
+    finally:
+        diagnostics.TakeUncoalescedDiagnostics()  # those left would be written at its deletion
+
+
+def open_stage(path: str | Path) -> Usd.Stage:
+    """Open a stage without messages of USD's own on stderr. Raises SceneError where it is none."""
+    diagnostics = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        return _open(str(path))
+    finally:
+        diagnostics.TakeUncoalescedDiagnostics()
+
+
+def _open(name: str) -> Usd.Stage:
+    if not Ar.GetResolver().Resolve(name):
+        raise SceneError(name, "no such file", "a USD stage")
+    try:
+        return Usd.Stage.Open(name)
+    except Tf.ErrorException as error:
+        reason = " ".join(error.args[0].commentary.split()) if error.args else "no reason given"
+        raise SceneError(name, f"no readable USD ({reason})", "a USD stage") from None
+
+
+def _read_prims(
+    stage: Usd.Stage, context: ReadingContext
+) -> tuple[list[MeshDescription], list[LuminaireDescription]]:
+    meshes: list[MeshDescription] = []
+    luminaires: list[LuminaireDescription] = []
+    materials = MaterialReader(context)
+    inside_prototypes: dict[Sdf.Path, str] = {}
+    prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), DEFINED_PRIMS))
+    for prim in prims:
+        if _skip_subtree(prim, context, inside_prototypes):
+            prims.PruneChildren()
+            continue
+        if prim.HasAPI(UsdLux.LightAPI):
+            luminaire = read_light(prim, context)
+            if luminaire:
+                luminaires.append(luminaire)
+        if prim.GetTypeName() and not prim.IsA(Usd.Typed):
+            reason = "a type of prim that this USD does not know"
+            context.note(prim, str(prim.GetTypeName()), "skipped", reason)
+        if not prim.IsA(UsdGeom.Gprim) or _is_stand_in(prim, context):
+            continue
+        if prim.IsA(UsdGeom.Mesh):
+            mesh = read_mesh(prim, context, materials)
+            if mesh:
+                meshes.append(mesh)
+        else:
+            kind = str(prim.GetTypeName())
+            context.note(prim, kind, "skipped", "only polygon meshes are read yet")
+    return meshes, luminaires
+
+
+def _is_stand_in(prim: Usd.Prim, context: ReadingContext) -> bool:
+    """Whether a prim's purpose keeps it out of renders."""
+    purpose = UsdGeom.Imageable(prim).ComputePurpose()
+    if purpose in SKIPPED_PURPOSES:
+        context.note(prim, f"purpose {purpose}", "skipped", f"{purpose} geometry is not rendered")
+    return purpose in SKIPPED_PURPOSES
+
+
+def _skip_subtree(
+    prim: Usd.Prim, context: ReadingContext, inside_prototypes: dict[Sdf.Path, str]
+) -> bool:
+    """Whether nothing at or below a prim is read; the reason becomes a finding.
+
+    inside_prototypes : what each prototype met so far holds, to count it once
+    """
+    if not prim.IsLoaded():
+        context.note(prim, "payload", "skipped", "its payload is not loaded")
+        return True
+    visibility = context.value(prim, "visibility", UsdGeom.Tokens.inherited)
+    if visibility == UsdGeom.Tokens.invisible:
+        contents = _contents(prim)
+        if contents:
+            context.note(prim, "visibility", "skipped", f"invisible: {contents}")
+        return True
+    if prim.IsInstance():
+        prototype = prim.GetPrototype().GetPath()
+        if prototype not in inside_prototypes:
+            inside_prototypes[prototype] = _contents(prim)
+        if inside_prototypes[prototype]:
+            reason = f"instances are not read yet: {inside_prototypes[prototype]}"
+            context.note(prim, "instance", "skipped", reason)
+        return True
+    if prim.IsA(UsdGeom.PointInstancer):
+        instancer = UsdGeom.PointInstancer(prim)
+        indices = instancer.GetProtoIndicesAttr().Get(context.time)
+        prototypes = instancer.GetPrototypesRel().GetTargets()
+        counts = f"{len(indices or ())} placed, {len(prototypes)} to choose from"
+        reason = f"point instancers are not read yet: {counts}"
+        context.note(prim, "PointInstancer", "skipped", reason)
+        return True
+    return False
+
+
+def _contents(prim: Usd.Prim) -> str:
+    """What renders at and below a prim, instances included: "3 meshes, 1 light"; "" for nothing."""
+    counts = {"mesh": 0, "other shape": 0, "light": 0, "point instancer": 0}
+    within = Usd.PrimRange(prim, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
+    for inner in within:
+        if inner.IsA(UsdGeom.Mesh):
+            counts["mesh"] += 1
+        elif inner.IsA(UsdGeom.Gprim):
+            counts["other shape"] += 1
+        elif inner.IsA(UsdGeom.PointInstancer):
+            counts["point instancer"] += 1
+        if inner.HasAPI(UsdLux.LightAPI):
+            counts["light"] += 1
+    plural = {"mesh": "meshes"}
+    return ", ".join(
+        f"{count} {kind if count == 1 else plural.get(kind, kind + 's')}"
+        for kind, count in counts.items()
+        if count
+    )
+
+
+def _note_composition_errors(stage: Usd.Stage, context: ReadingContext) -> None:
+    """References and payloads that lead nowhere leave parts of the stage missing."""
+    for error in stage.GetCompositionErrors():
+        context.note(error.rootSite.path, "composition", "skipped", str(error))
+
+
+def _note_diagnostics(
+    diagnostics: UsdUtils.CoalescingDiagnosticDelegate, context: ReadingContext
+) -> None:
+    """Warnings of USD itself, apart from the composition errors, which know their prim."""
+    messages = [d.commentary for d in diagnostics.TakeUncoalescedDiagnostics()]
+    for message in dict.fromkeys(messages):
+        if "ing stage on stage @" not in message:
+            context.note(Sdf.Path.absoluteRootPath, "USD", "noted", message)
+
+
+def _source_hash(stage: Usd.Stage) -> str:
+    """sha256 over what the used layers hold, whatever their order and place."""
+    digests = sorted(
+        hashlib.sha256(_layer_bytes(layer)).digest() for layer in stage.GetUsedLayers()
+    )
+    return hashlib.sha256(b"".join(digests)).hexdigest()
+
+
+def _layer_bytes(layer: Sdf.Layer) -> bytes:
+    on_disk = None
+    if not layer.anonymous and not layer.dirty:
+        on_disk = Ar.GetResolver().OpenAsset(layer.resolvedPath)
+    return bytes(on_disk.GetBuffer()) if on_disk else layer.ExportToString().encode()

@@ -1,0 +1,86 @@
+// Rays among triangles, and triangles of polygons.
+#include <stdexcept>
+
+#include <tbb/parallel_for.h>
+
+#include "binding/arrays.h"
+#include "core/ray_caster.h"
+#include "core/triangulation.h"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+using namespace isolux;
+using namespace isolux::binding;
+
+namespace {
+
+using Triangles = In3<std::int32_t>;
+
+std::span<const std::array<std::int32_t, 3>> rows(const Triangles& a) {
+    return {reinterpret_cast<const std::array<std::int32_t, 3>*>(a.data()), a.shape(0)};
+}
+
+void require_same_length(std::size_t a, std::size_t b) {
+    if (a != b) {
+        throw std::invalid_argument("origins, directions and distances differ in length");
+    }
+}
+
+nb::tuple closest_hits(const RayCaster& caster, const In3<double>& origins,
+                       const In3<float>& directions) {
+    const auto from = view(origins);
+    const auto towards = view(directions);
+    require_same_length(from.size(), towards.size());
+    std::vector<std::int32_t> triangles(from.size());
+    std::vector<std::array<float, 2>> barycentrics(from.size());
+    std::vector<float> distances(from.size());
+    {
+        nb::gil_scoped_release release;
+        tbb::parallel_for(std::size_t{0}, from.size(), [&](std::size_t i) {
+            const Hit hit =
+                caster.closest_hit({(from[i] - caster.origin()).as<float>(), towards[i]});
+            triangles[i] = hit.triangle;
+            barycentrics[i] = {hit.u, hit.v};
+            distances[i] = hit.distance;
+        });
+    }
+    const std::size_t n = from.size();
+    return nb::make_tuple(hand_over(std::move(triangles)),
+                          hand_over<float>(std::move(barycentrics), {n, 2}),
+                          hand_over(std::move(distances)));
+}
+
+nb::tuple triangulate_faces(const In3<double>& points, const In1<std::int32_t>& counts,
+                            const In1<std::int32_t>& indices, const In1<std::int32_t>& hole_faces,
+                            bool flip_winding) {
+    Triangulation out =
+        triangulate({view(points), view(counts), view(indices), view(hole_faces), flip_winding});
+    const std::size_t n = out.faces.size();
+    return nb::make_tuple(hand_over<std::int32_t>(std::move(out.corners), {n, 3}),
+                          hand_over(std::move(out.faces)));
+}
+
+} // namespace
+
+void bind_ray_caster(nb::module_& module) {
+    nb::class_<RayCaster>(module, "RayCaster", "Closest hits among triangles.")
+        .def(
+            "__init__",
+            [](RayCaster* self, const In3<double>& points, const Triangles& triangles,
+               int threads) { new (self) RayCaster(view(points), rows(triangles), threads); },
+            "points"_a, "triangles"_a, "threads"_a = -1,
+            "points : (V, 3) float64, metres, world space\n"
+            "triangles : (T, 3) int32, valid indices into points")
+        .def("closest_hits", &closest_hits, "origins"_a, "directions"_a,
+             "origins : (n, 3) float64, metres, world space\n"
+             "directions : (n, 3) float32, of any length\n"
+             "returns : triangle (n,) int32, -1 where nothing is hit; barycentrics (n, 2) float32, "
+             "weights of the vertices 1 and 2; distance (n,) float32, in lengths of the direction");
+    module.def("triangulate", &triangulate_faces, "points"_a, "face_vertex_counts"_a,
+               "face_vertex_indices"_a, "hole_faces"_a, "flip_winding"_a,
+               "Triangles of polygon faces; holes and faces without area give none.\n\n"
+               "points : (P, 3) float64, metres\n"
+               "face_vertex_counts, face_vertex_indices, hole_faces : int32\n"
+               "returns : corners (T, 3) int32, counter-clockwise seen from the front, counted "
+               "over all faces; face of each triangle (T,) int32");
+}

@@ -1,0 +1,245 @@
+// The solver's components: scene, photon buckets, photon tracing, filtering.
+#include <cmath>
+#include <memory>
+#include <stdexcept>
+#include <string>
+
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/shared_ptr.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/unique_ptr.h>
+#include <nanobind/stl/vector.h>
+
+#include "binding/arrays.h"
+#include "core/illumination_filter.h"
+#include "core/photon_tracer.h"
+#include "core/rms_error.h"
+#include "core/scene.h"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+using namespace isolux;
+using namespace isolux::binding;
+
+namespace {
+
+class SceneBuilder {
+  public:
+    explicit SceneBuilder(double crease_angle) : crease_angle_(crease_angle) {}
+
+    void add_mesh(const In3<double>& points, const In1<std::int32_t>& face_vertex_counts,
+                  const In1<std::int32_t>& face_vertex_indices,
+                  const std::optional<In3<float>>& corner_normals,
+                  const In1<std::int32_t>& hole_faces, const In3<float>& reflectance,
+                  bool double_sided, bool flip_winding) {
+        const auto normals = corner_normals ? view(*corner_normals) : std::span<const Vec3f>{};
+        mesh_.add({{view(points), view(face_vertex_counts), view(face_vertex_indices),
+                    view(hole_faces), flip_winding},
+                   normals,
+                   view(reflectance),
+                   double_sided},
+                  crease_angle_);
+    }
+
+    void add_luminaire(const std::string& shape, const In1<double>& origin, const In3<double>& axes,
+                       const In1<double>& size, const In1<double>& colour, double luminous_flux,
+                       const std::shared_ptr<const CandelaDistribution>& diagram) {
+        const auto o = view(origin);
+        const auto a = view(axes);
+        const auto s = view(size);
+        const auto c = view(colour);
+        if (o.size() != 3 || a.size() != 3 || s.size() != 2 || c.size() != 3) {
+            throw std::invalid_argument("a luminaire wants origin (3,), axes (3, 3), size (2,) and "
+                                        "colour (3,)");
+        }
+        const auto make_shape = [&]() -> LuminaireShape {
+            if (shape == "sphere") {
+                return SphereLuminaire{s[0]};
+            }
+            if (shape == "disk") {
+                return DiskLuminaire{s[0]};
+            }
+            if (shape == "rect") {
+                return RectLuminaire{s[0], s[1]};
+            }
+            if (shape == "cylinder") {
+                return CylinderLuminaire{s[0], s[1]};
+            }
+            throw std::invalid_argument("no luminaire shape " + shape);
+        };
+        luminaires_.push_back({make_shape(),
+                               {o[0], o[1], o[2]},
+                               a[0],
+                               a[1],
+                               a[2],
+                               Vec3d{c[0], c[1], c[2]}.as<float>(),
+                               luminous_flux,
+                               diagram});
+    }
+
+    std::unique_ptr<Scene> build(int threads) {
+        nb::gil_scoped_release release;
+        return std::make_unique<Scene>(std::move(mesh_), std::move(luminaires_), threads);
+    }
+
+  private:
+    double crease_angle_;
+    IlluminationMesh mesh_;
+    std::vector<Luminaire> luminaires_;
+};
+
+nb::list mesh_ranges(const Scene& scene) {
+    nb::list out;
+    for (const MeshRange& range : scene.mesh().meshes) {
+        out.append(nb::make_tuple(range.front_begin, range.front_end, range.back_end,
+                                  hand_over(std::vector(range.corner_vertices))));
+    }
+    return out;
+}
+
+nb::dict ends(const PhotonBuckets& buckets) {
+    const auto& e = buckets.ends();
+    nb::dict out;
+    out["emitted"] = e.emitted;
+    out["rays"] = e.rays;
+    out["absorbed"] = e.absorbed;
+    out["back_absorbed"] = e.back_absorbed;
+    out["escaped"] = e.escaped;
+    out["back_hits"] = e.back_hits;
+    return out;
+}
+
+Out<std::uint64_t> hit_counts(const PhotonBuckets& buckets) {
+    std::vector<std::array<std::uint64_t, 2>> counts(buckets.vertex_count());
+    for (std::size_t v = 0; v < counts.size(); ++v) {
+        const auto vertex = static_cast<std::int32_t>(v);
+        counts[v] = {buckets.hit_count(vertex, LightPath::direct),
+                     buckets.hit_count(vertex, LightPath::indirect)};
+    }
+    const std::size_t n = counts.size();
+    return hand_over<std::uint64_t>(std::move(counts), {n, 2});
+}
+
+// Total of two independent estimates, relative to their sum.
+std::vector<float> total_deviation(const FilteredIllumination& a, const FilteredIllumination& b) {
+    std::vector<float> out(a.illuminance.size());
+    for (std::size_t v = 0; v < out.size(); ++v) {
+        const float ia = luminance(a.illuminance[v]), ib = luminance(b.illuminance[v]);
+        const float da = ia * a.relative_deviation[v], db = ib * b.relative_deviation[v];
+        out[v] = ia + ib > 0.0F ? std::sqrt(da * da + db * db) / (ia + ib) : 1.0F;
+    }
+    return out;
+}
+
+nb::dict filter(const IlluminationFilter& self, const Scene& scene, const PhotonBuckets& buckets,
+                double accuracy, double sharing, bool paper_interval, int threads) {
+    const FilterSettings settings{accuracy, sharing,
+                                  paper_interval ? IntervalRule::paper : IntervalRule::corrected};
+    FilteredIllumination direct, indirect;
+    RmsErrors errors;
+    {
+        nb::gil_scoped_release release;
+        const double photon_flux =
+            scene.luminous_flux() /
+            static_cast<double>(std::max<std::uint64_t>(1, buckets.ends().emitted));
+        direct = self.filter(buckets, LightPath::direct, photon_flux, settings, threads);
+        indirect = self.filter(buckets, LightPath::indirect, photon_flux, settings, threads);
+        errors = rms_errors(scene.mesh(), buckets, photon_flux, direct, indirect);
+    }
+    nb::dict out;
+    out["relative_deviation"] = hand_over(total_deviation(direct, indirect));
+    out["direct"] = hand_over(std::move(direct.illuminance));
+    out["indirect"] = hand_over(std::move(indirect.illuminance));
+    out["support_radius"] = hand_over(std::move(indirect.support_radius));
+    out["direct_support_radius"] = hand_over(std::move(direct.support_radius));
+    out["bucket_rms_error"] = errors.bucket_total;
+    out["bucket_rms_error_indirect"] = errors.bucket_indirect;
+    out["batch_rms_error"] = errors.batch_total;
+    out["rms_error"] = errors.filtered_total;
+    out["rms_error_indirect"] = errors.filtered_indirect;
+    return out;
+}
+
+} // namespace
+
+void bind_solver(nb::module_& module) {
+    nb::class_<Scene>(module, "Scene", "An immutable scene, its ray tracing tree built.")
+        .def_prop_ro("luminous_flux", &Scene::luminous_flux, "lm, of all luminaires")
+        .def_prop_ro("coloured", &Scene::coloured)
+        .def_prop_ro("element_count", [](const Scene& s) { return s.mesh().elements.size(); })
+        .def_prop_ro("vertex_count", [](const Scene& s) { return s.mesh().positions.size(); })
+        .def_prop_ro(
+            "vertex_areas", [](const Scene& s) { return hand_over(std::vector(s.mesh().areas)); },
+            nb::rv_policy::automatic, "(V,) float64, m^2 that each illumination vertex stands for")
+        .def_prop_ro(
+            "vertex_positions",
+            [](const Scene& s) { return hand_over(std::vector(s.mesh().positions)); },
+            nb::rv_policy::automatic, "(V, 3) float64, metres, world space")
+        .def_prop_ro(
+            "vertex_normals",
+            [](const Scene& s) { return hand_over(std::vector(s.mesh().normals)); },
+            nb::rv_policy::automatic,
+            "(V, 3) float32, unit, on the side that the vertex stands for")
+        .def_prop_ro("mesh_ranges", &mesh_ranges,
+                     "of each mesh: (front begin, front end = back begin, back end, "
+                     "corner_vertices (C,) int32 from the range's begin, -1 at holes)");
+
+    nb::class_<SceneBuilder>(module, "SceneBuilder", "Takes meshes and luminaires, gives a Scene.")
+        .def(nb::init<double>(), "crease_angle"_a, "crease_angle : rad")
+        .def("add_mesh", &SceneBuilder::add_mesh, "points"_a, "face_vertex_counts"_a,
+             "face_vertex_indices"_a, "corner_normals"_a.none(), "hole_faces"_a, "reflectance"_a,
+             "double_sided"_a, "flip_winding"_a, "As isolux.scene_description.MeshDescription.")
+        .def("add_luminaire", &SceneBuilder::add_luminaire, "shape"_a, "origin"_a, "axes"_a,
+             "size"_a, "colour"_a, "luminous_flux"_a, "diagram"_a.none(),
+             "As isolux.scene_description.LuminaireDescription.")
+        .def("build", &SceneBuilder::build, "threads"_a, "Once; the builder is empty afterwards.");
+
+    nb::class_<PhotonBuckets>(module, "PhotonBuckets",
+                              "Hit counts and coloured flux of each illumination vertex.")
+        .def(
+            "__init__",
+            [](PhotonBuckets* self, const Scene& scene) {
+                new (self) PhotonBuckets(scene.mesh().positions.size(), scene.mesh().meshes.size(),
+                                         scene.coloured());
+            },
+            "scene"_a)
+        .def("merge", &PhotonBuckets::merge, "other"_a,
+             "Adds the buckets of another range of photons of the same scene.")
+        .def_prop_ro("ends", &ends, "Photons emitted, and how they ended; rays; back hits a mesh.")
+        .def_prop_ro("hit_counts", &hit_counts, nb::rv_policy::automatic,
+                     "(V, 2) uint64: direct, indirect");
+
+    module.def(
+        "trace_photons",
+        [](const Scene& scene, PhotonBuckets& buckets, std::uint64_t seed, std::uint64_t first,
+           std::uint64_t count,
+           int threads) { trace_photons(scene, seed, {first, count}, threads, buckets); },
+        "scene"_a, "buckets"_a, "seed"_a, "first"_a, "count"_a, "threads"_a,
+        nb::call_guard<nb::gil_scoped_release>(),
+        "Traces photons [first, first + count) and adds their hits to the buckets. A photon "
+        "depends on the seed and its index alone.");
+
+    nb::class_<IlluminationFilter>(module, "IlluminationFilter",
+                                   "Filters buckets over adaptive supports [Volevich 2000, A].")
+        .def(
+            "__init__",
+            [](IlluminationFilter* self, const Scene& scene) {
+                new (self) IlluminationFilter(scene.mesh());
+            },
+            "scene"_a, nb::keep_alive<1, 2>())
+        .def("filter", &filter, "scene"_a, "buckets"_a, "accuracy"_a, "sharing"_a,
+             "paper_interval"_a, "threads"_a,
+             "returns : dict of direct, indirect (V, 3) float32, lx by channel; "
+             "relative_deviation, support_radius (V,) float32; RMS errors");
+
+    module.def(
+        "poisson_interval",
+        [](std::uint64_t n, bool paper) {
+            const Interval i =
+                poisson_interval(n, paper ? IntervalRule::paper : IntervalRule::corrected);
+            return nb::make_tuple(i.low, i.high);
+        },
+        "n"_a, "paper"_a,
+        "Plausible mean counts where n photons were counted; low > high where the rule leaves "
+        "none.");
+}

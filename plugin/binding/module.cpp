@@ -1,0 +1,16 @@
+// isolux._core: the compiled solver, arrays in and arrays out.
+#include <nanobind/nanobind.h>
+
+void bind_photometry(nanobind::module_& module);
+void bind_ray_caster(nanobind::module_& module);
+void bind_solver(nanobind::module_& module);
+void bind_tone_mapping(nanobind::module_& module);
+
+NB_MODULE(_core, module) {
+    module.doc() = "The compiled part of Isolux: photometry, ray casting and the solver's "
+                   "components over arrays.";
+    bind_photometry(module);
+    bind_ray_caster(module);
+    bind_tone_mapping(module);
+    bind_solver(module);
+}

@@ -1,0 +1,58 @@
+// Mesh elements and illumination vertices: the places where light is bucketed and illuminance kept.
+//
+// A mesh point becomes as many illumination vertices as it has sides of creases, so that each has
+// one normal. A vertex stands for a third of each element around it: its bucket
+// [Volevich 2000, §3.1.3: light is reconstructed at mesh vertices from neighbouring elements].
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/triangulation.h"
+#include "core/vec3.h"
+
+namespace isolux {
+
+struct SurfaceMesh : PolygonMesh {
+    std::span<const Vec3f> corner_normals; // front side, unit; empty: creases by angle
+    std::span<const Vec3f> reflectance;    // one for all faces or one a face, linear Rec. 709
+    bool double_sided = false;             // else the back absorbs
+};
+
+// What a photon meets on an element, on either side.
+struct Surface {
+    Vec3f reflectance;
+    std::int32_t mesh = 0;
+    std::int32_t back_offset = -1; // from a front vertex to its twin on the back; -1: one-sided
+};
+
+// 16 bytes: all that a photon needs of the element that it hits.
+struct MeshElement {
+    std::array<std::int32_t, 3> vertices; // front side, counter-clockwise
+    std::int32_t surface = 0;
+};
+
+// Where one mesh's vertices lie in IlluminationMesh's arrays.
+struct MeshRange {
+    std::int32_t front_begin = 0, front_end = 0, back_end = 0; // the back begins at front_end
+    std::vector<std::int32_t> corner_vertices;                 // from front_begin; -1 at holes
+};
+
+struct IlluminationMesh {
+    std::vector<MeshElement> elements;
+    std::vector<Surface> surfaces;
+    std::vector<MeshRange> meshes;
+    // One entry a vertex:
+    std::vector<Vec3d> positions;         // m, world space
+    std::vector<Vec3f> normals;           // unit; zero where all elements around are degenerate
+    std::vector<double> areas;            // m², a third of the elements around
+    std::vector<std::int32_t> components; // topologically connected surface, its lowest vertex
+
+    // Adds a mesh: triangulates it and splits its points at creases sharper than crease_angle
+    // (rad), or where authored normals differ.
+    void add(const SurfaceMesh& mesh, double crease_angle);
+};
+
+} // namespace isolux

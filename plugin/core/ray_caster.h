@@ -1,0 +1,56 @@
+// Closest hits and occlusion among triangles. The only unit that sees Embree.
+//
+// Positions are recentred in double before they become float rays, so that a stage far from its
+// origin keeps its precision.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "core/vec3.h"
+
+namespace isolux {
+
+inline constexpr std::int32_t kNoHit = -1;
+
+struct Hit {
+    std::int32_t triangle = kNoHit;
+    float u = 0.0F, v = 0.0F; // barycentric weights of vertices 1 and 2
+    float distance = 0.0F;    // in lengths of the direction
+    Vec3f normal;             // geometric, on the front side, of any length
+};
+
+struct Ray {
+    Vec3f origin; // relative to RayCaster::origin()
+    Vec3f direction;
+};
+
+class RayCaster {
+  public:
+    // Triangles that touch no finite area may be given: they are never hit.
+    // `threads` build the tree; the tree does not depend on their number.
+    RayCaster(std::span<const Vec3d> points, std::span<const std::array<std::int32_t, 3>> triangles,
+              int threads);
+    ~RayCaster();
+    RayCaster(const RayCaster&) = delete;
+    RayCaster& operator=(const RayCaster&) = delete;
+
+    // World position of the local origin.
+    const Vec3d& origin() const { return origin_; }
+    // How far off a surface a ray must start: the rounding of a local position p that a ray
+    // reached over some distance.
+    float offset(const Vec3f& p, float distance) const;
+
+    Hit closest_hit(const Ray& ray) const;
+    bool occluded(const Ray& ray, float max_distance) const;
+
+  private:
+    struct Embree;
+    std::unique_ptr<Embree> embree_;
+    Vec3d origin_;
+    float least_offset_;
+};
+
+} // namespace isolux

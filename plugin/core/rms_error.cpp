@@ -1,0 +1,97 @@
+#include "core/rms_error.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace isolux {
+namespace {
+
+struct Sums {
+    double area = 0.0, flux = 0.0, square = 0.0; // m², lm, m²·lx²
+
+    double relative() const {
+        return flux > 0.0 ? std::sqrt(std::max(0.0, square / area)) / (flux / area) : 0.0;
+    }
+};
+
+// n times the variance of the mean count of a batch, thus the variance of the sum of all.
+double batch_variance(const std::array<std::uint32_t, kBatches>& a,
+                      const std::array<std::uint32_t, kBatches>& b) {
+    double sum = 0.0, square = 0.0;
+    for (std::size_t i = 0; i < kBatches; ++i) {
+        const double n = static_cast<double>(a[i]) + static_cast<double>(b[i]);
+        sum += n;
+        square += n * n;
+    }
+    constexpr double k = static_cast<double>(kBatches);
+    return k / (k - 1.0) * (square - sum * sum / k);
+}
+
+// Unbiased estimates for one component of light in one bucket.
+struct FilteredSquares {
+    double filtered;   // f
+    double with_truth; // of f * I, I the true illuminance
+};
+
+// f is the mean of two halves, each from the photons of one half over a support that the other
+// half chose; so each goes with the bucket's count in its own photons, less its own share in f.
+FilteredSquares filtered_squares(const std::array<FilteredIllumination::Half, 2>& halves,
+                                 const std::array<std::uint64_t, 2>& half_counts, double e,
+                                 double photon_flux) {
+    FilteredSquares out{0.0, 0.0};
+    for (const std::size_t half : {0U, 1U}) {
+        const auto& [illuminance, support_area] = halves[half];
+        const double f = static_cast<double>(illuminance);
+        const double own_hits = static_cast<double>(half_counts[1 - half]) * 2.0 * e;
+        const double share = support_area > 0.0 ? 2.0 * photon_flux / support_area : 0.0;
+        out.filtered += 0.5 * f;
+        out.with_truth += 0.5 * own_hits * (f - share);
+    }
+    return out;
+}
+
+} // namespace
+
+RmsErrors rms_errors(const IlluminationMesh& mesh, const PhotonBuckets& buckets, double photon_flux,
+                     const FilteredIllumination& direct, const FilteredIllumination& indirect) {
+    Sums bucket_total, bucket_indirect, batch, filtered_total, filtered_indirect;
+    for (std::size_t v = 0; v < mesh.areas.size(); ++v) {
+        const double area = mesh.areas[v];
+        if (area == 0.0) {
+            continue;
+        }
+        const auto vertex = static_cast<std::int32_t>(v);
+        const auto direct_halves = buckets.half_hit_counts(vertex, LightPath::direct);
+        const auto indirect_halves = buckets.half_hit_counts(vertex, LightPath::indirect);
+        const double e = photon_flux / area; // lx a photon
+        const double hits_direct = static_cast<double>(direct_halves[0] + direct_halves[1]) * e;
+        const double hits_indirect =
+            static_cast<double>(indirect_halves[0] + indirect_halves[1]) * e;
+        const double hits = hits_direct + hits_indirect;
+        const auto add = [&](Sums& sums, double illuminance, double squared_error) {
+            sums.area += area;
+            sums.flux += area * illuminance;
+            sums.square += area * squared_error;
+        };
+        add(bucket_total, hits, hits * e);
+        add(bucket_indirect, hits_indirect, hits_indirect * e);
+        add(batch, hits,
+            batch_variance(buckets.batch_hit_counts(vertex, LightPath::direct),
+                           buckets.batch_hit_counts(vertex, LightPath::indirect)) *
+                e * e);
+
+        // (f - I)² = f² - 2 f I + I². Direct and indirect counts are independent.
+        const auto d = filtered_squares(direct.halves[v], direct_halves, e, photon_flux);
+        const auto i = filtered_squares(indirect.halves[v], indirect_halves, e, photon_flux);
+        const double f = d.filtered + i.filtered;
+        const double with_truth =
+            d.with_truth + i.with_truth + d.filtered * hits_indirect + i.filtered * hits_direct;
+        add(filtered_total, hits, f * f - 2.0 * with_truth + hits * (hits - e));
+        add(filtered_indirect, hits_indirect,
+            i.filtered * i.filtered - 2.0 * i.with_truth + hits_indirect * (hits_indirect - e));
+    }
+    return {bucket_total.relative(), bucket_indirect.relative(), batch.relative(),
+            filtered_total.relative(), filtered_indirect.relative()};
+}
+
+} // namespace isolux

@@ -1,0 +1,38 @@
+#include "core/scene.h"
+
+#include <algorithm>
+#include <cassert>
+
+namespace isolux {
+namespace {
+
+bool grey(const Vec3f& c) { return c.x == c.y && c.y == c.z; }
+
+std::vector<std::array<std::int32_t, 3>> triangles_of(const IlluminationMesh& mesh) {
+    std::vector<std::array<std::int32_t, 3>> out(mesh.elements.size());
+    std::ranges::transform(mesh.elements, out.begin(), &MeshElement::vertices);
+    return out;
+}
+
+} // namespace
+
+Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires, int threads)
+    : mesh_(std::move(mesh)), luminaires_(std::move(luminaires)), luminous_flux_(0.0),
+      coloured_(!std::ranges::all_of(mesh_.surfaces, grey, &Surface::reflectance) ||
+                !std::ranges::all_of(luminaires_, grey, &Luminaire::colour)),
+      ray_caster_(mesh_.positions, triangles_of(mesh_), threads) {
+    assert(!luminaires_.empty());
+    for (const auto& luminaire : luminaires_) {
+        assert(luminaire.luminous_flux > 0.0);
+        luminous_flux_ += luminaire.luminous_flux;
+        cumulative_flux_.push_back(luminous_flux_);
+    }
+}
+
+const Luminaire& Scene::choose_luminaire(double u) const {
+    const auto at = std::ranges::upper_bound(cumulative_flux_, u * luminous_flux_);
+    const auto last = std::prev(cumulative_flux_.end());
+    return luminaires_[static_cast<std::size_t>(std::min(at, last) - cumulative_flux_.begin())];
+}
+
+} // namespace isolux

@@ -1,0 +1,38 @@
+"""Isolux bakes physically based global illumination into USD stages.
+
+Importing the package registers its schemas with USD: import it before the first prim is used.
+"""
+
+from importlib.metadata import PackageNotFoundError, version
+
+from .errors import IsoluxError, PhotometryError, SceneError, SettingsError
+from .plugin_registration import register_plugin
+from .scene_description import SceneDescription
+from .settings import SolverSettings, settings_from_stage
+from .solution import ProgressiveStage, Solution
+from .solver import ProgressiveSolver, SolveProgress, solve
+from .stage_reader import read_stage
+
+register_plugin()
+
+try:
+    __version__ = version("isolux")
+except PackageNotFoundError:  # a folder on the path of a host, or a checkout that is not built yet
+    __version__ = "unknown"
+
+__all__ = [
+    "IsoluxError",
+    "PhotometryError",
+    "ProgressiveSolver",
+    "ProgressiveStage",
+    "SceneDescription",
+    "SceneError",
+    "SettingsError",
+    "Solution",
+    "SolveProgress",
+    "SolverSettings",
+    "__version__",
+    "read_stage",
+    "settings_from_stage",
+    "solve",
+]

@@ -1,0 +1,122 @@
+"""A progressive solution: illuminance at the illumination vertices of each mesh, and its error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import SceneError
+from .scene_description import SceneDescription
+
+# Rec. 709 luminance weights: the light's colour is scaled so that these give lumens.
+LUMINANCE_WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
+
+
+@dataclass(frozen=True, slots=True)
+class ProgressiveStage:
+    """One progressive stage as the report, the results layer and `isolux info` tell it.
+
+    index : 1, 2, ...; the integer time code of the stage
+    component : which part of the solver made it, such as "DEPT"
+    photons : photons emitted so far
+    rays : rays traced so far
+    elements : mesh elements (triangles)
+    elapsed : s, solving so far: tracing and filtering, without reading, building and writing
+    rms_error, rms_error_indirect : estimated relative RMS error of the written illuminance,
+        area-weighted, bias of the filter included
+    bucket_rms_error, bucket_rms_error_indirect : of the unfiltered buckets [Volevich 2000, Eq. 5]
+    batch_rms_error : of the unfiltered buckets, from independent batches of photons
+    absorbed, back_absorbed, escaped : photons that ended at a front, at the back of a one-sided
+        mesh, or outside; their sum is photons
+    """
+
+    index: int
+    component: str
+    photons: int
+    rays: int
+    elements: int
+    elapsed: float
+    rms_error: float
+    rms_error_indirect: float
+    bucket_rms_error: float
+    bucket_rms_error_indirect: float
+    batch_rms_error: float
+    absorbed: int
+    back_absorbed: int
+    escaped: int
+
+
+@dataclass(frozen=True, slots=True)
+class MeshLayout:
+    """Where a mesh's illumination vertices lie in the arrays of a solution.
+
+    front, back : ranges into the solution's vertex arrays; back is empty for a one-sided mesh
+    corner_vertices : (C,) int32, illumination vertex of each face corner, counted from the start
+        of the range (front and back alike); -1 at corners of holes
+    """
+
+    front: slice
+    back: slice
+    corner_vertices: NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """Illuminance of all meshes after one progressive stage.
+
+    direct, indirect : (V, 3) float32, lx by channel (linear Rec. 709; the luminance-weighted
+        sum of the channels is the photometric illuminance)
+    relative_deviation : (V,) float32, of the total; 0.05, not 5 %
+    support_radius : (V,) float32, m, of the indirect light's filter
+    vertex_areas : (V,) float64, m^2, area that each vertex stands for
+    """
+
+    stage: ProgressiveStage
+    scene: SceneDescription
+    layouts: dict[str, MeshLayout]
+    direct: NDArray[np.float32]
+    indirect: NDArray[np.float32]
+    relative_deviation: NDArray[np.float32]
+    support_radius: NDArray[np.float32]
+    vertex_areas: NDArray[np.float64]
+
+    def layout(self, path: str) -> MeshLayout:
+        """Layout of the mesh at `path`. Raises SceneError where no such mesh was solved."""
+        try:
+            return self.layouts[path]
+        except KeyError:
+            raise SceneError(path, "no solved mesh", "one of " + _some(self.layouts)) from None
+
+    def illuminance(self, path: str, *, back: bool = False) -> NDArray[np.float32]:
+        """Total illuminance at a mesh's face corners.
+
+        path : prim path of the mesh
+        back : of the back side of a double-sided mesh
+        returns : (C, 3) float32, lx by channel, in the authored order of corners; 0 at holes
+        """
+        layout = self.layout(path)
+        vertices = layout.back if back else layout.front
+        values = self.direct[vertices] + self.indirect[vertices]
+        if len(values) == 0:
+            return np.zeros((len(layout.corner_vertices), 3), np.float32)
+        corners = values[layout.corner_vertices]
+        corners[layout.corner_vertices < 0] = 0.0
+        return corners
+
+    def mean_illuminance(self, path: str) -> float:
+        """Area-weighted mean photometric illuminance of the front of a mesh, lx."""
+        front = self.layout(path).front
+        areas = self.vertex_areas[front]
+        total = float(areas.sum())
+        if total == 0.0:
+            return 0.0
+        colour = areas @ (self.direct[front] + self.indirect[front]).astype(np.float64)
+        return float(colour @ LUMINANCE_WEIGHTS) / total
+
+
+def _some(names: dict[str, MeshLayout]) -> str:
+    shown = list(names)[:5]
+    more = len(names) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more else "")

@@ -1,0 +1,289 @@
+"""Writes progressive solutions into USD, one time sample a stage, and leaves the source as it is.
+
+`OUT.usda` is a small root layer that lays `OUT.results.usdc` over the source stage. The results
+layer holds `over`s of the meshes with the primvars of `output_fields`, the solver's report on a
+RenderSettings prim, and in its customLayerData what is needed to replay the run.
+
+Both files are replaced whole after each stage: whoever opens them meanwhile reads the stages so
+far. The samples of all stages stay in memory, and each stage writes them all again.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Tf, Usd, UsdGeom, UsdRender, Vt
+
+from .atomic_file import replace_atomically
+from .errors import SceneError
+from .output_fields import MeshOutput, OutputField, PrimvarLayout, scene_adaptation
+from .scene_description import SceneDescription
+from .solution import ProgressiveStage, Solution
+
+# Stage metadata that a stage takes from its root layer alone.
+_ROOT_METADATA = (
+    "defaultPrim",
+    "endTimeCode",
+    "expressionVariables",
+    "framesPerSecond",
+    "kilogramsPerUnit",
+    "renderSettingsPrimPath",
+    "startTimeCode",
+    "timeCodesPerSecond",
+)
+# A sublayer with another rate would have its time samples rescaled.
+_TIME_RATES = ("framesPerSecond", "timeCodesPerSecond")
+
+# Of values of one or two dimensions: numbers, colours.
+_ARRAY_TYPES = {
+    1: (Vt.FloatArray, Sdf.ValueTypeNames.FloatArray),
+    2: (Vt.Vec3fArray, Sdf.ValueTypeNames.Color3fArray),
+}
+
+_REPORT_TYPES = {
+    "int": Sdf.ValueTypeNames.Int64,
+    "float": Sdf.ValueTypeNames.Double,
+    "str": Sdf.ValueTypeNames.Token,
+}
+
+
+def _camel_case(name: str) -> str:
+    first, *rest = name.split("_")
+    return first + "".join(word.capitalize() for word in rest)
+
+
+# Report attribute of each field of ProgressiveStage; the index is the time code itself.
+REPORT_ATTRIBUTES = {
+    field.name: (f"isolux:report:{_camel_case(field.name)}", _REPORT_TYPES[str(field.type)])
+    for field in fields(ProgressiveStage)
+    if field.name != "index"
+}
+
+
+class ResultsWriter:
+    """Writes the stages of one solution over one source stage.
+
+    source : the stage that was solved, or its file
+    output : the root layer to make: .usda, .usd or .usdc; its folder must exist
+    scene : what was read of the source
+    provenance : what is needed to replay the run: version, settings, seed, threads; text, numbers,
+        lists of one type, or such a dict again (None is left out)
+    raises : SceneError where the output is a layer of the source, no USD file or not writable
+    """
+
+    def __init__(
+        self,
+        source: Usd.Stage | str | Path,
+        output: str | Path,
+        scene: SceneDescription,
+        provenance: Mapping[str, Any],
+    ) -> None:
+        stage = source if isinstance(source, Usd.Stage) else Usd.Stage.Open(str(source))
+        self._output = Path(output).absolute()
+        self._results = self._output.with_suffix(".results.usdc")
+        self._flattened_file = self._output.with_suffix(".source.usdc")
+        self._flattened: Sdf.Layer | None = None
+        self._check_output(stage)
+        self._scene = scene
+        # Without the time code, a reader couldn't read the source as it was solved.
+        self._provenance = dict(provenance) | {
+            "sourceHash": scene.source_hash,
+            "timeCode": scene.time_code,
+        }
+        self._photons: list[int] = []
+        self._meshes: list[MeshOutput] = []
+        self._layer = Sdf.Layer.CreateAnonymous(".usda")
+        self._root = self._compose_root(stage)
+        self._root_written = ""
+        self._source_has_range = stage.HasAuthoredTimeCodeRange()
+        self._report_prim = self._define_report_prim(stage)
+        self._double_sided = any(mesh.double_sided for mesh in scene.meshes)
+
+    def write(self, solution: Solution) -> None:
+        """Add one stage at its integer time code and replace the files.
+
+        raises : SceneError naming the file that can't be written; the earlier stages stay readable
+        """
+        time_code = float(solution.stage.index)
+        if not self._meshes:
+            self._meshes = [
+                MeshOutput(mesh, solution.layout(mesh.path)) for mesh in self._scene.meshes
+            ]
+        adaptation = scene_adaptation(solution, self._meshes)
+        with Sdf.ChangeBlock():
+            for mesh in self._meshes:
+                for field, layout, values in mesh.primvars(solution, adaptation):
+                    if values is not None:
+                        self._write_primvar(mesh.path, field, layout, values, time_code)
+                    elif self._double_sided:
+                        self._block_primvar(mesh.path, field)
+            self._write_report(solution.stage)
+        try:
+            if self._flattened:
+                _export(self._flattened, self._flattened_file)
+                self._flattened = None
+            _export(self._layer, self._results)
+            self._write_root(time_code)
+        except SceneError:
+            if not self._output.exists():  # then nothing points to the other files
+                self._results.unlink(missing_ok=True)
+                self._flattened_file.unlink(missing_ok=True)
+            raise
+
+    def _check_output(self, stage: Usd.Stage) -> None:
+        if self._output.suffix not in (".usda", ".usd", ".usdc"):
+            raise SceneError(
+                str(self._output), f'suffix "{self._output.suffix}"', ".usda, .usd or .usdc"
+            )
+        folder = self._output.parent
+        if not (folder.is_dir() and os.access(folder, os.W_OK)):
+            raise SceneError(str(self._output), f"no writable folder {folder}", "a file to write")
+        used = {Path(layer.realPath).resolve() for layer in stage.GetUsedLayers() if layer.realPath}
+        for path in (self._output, self._results, self._flattened_file):
+            if path.resolve() in used:
+                raise SceneError(str(path), "a layer of the source stage", "another output file")
+
+    def _compose_root(self, stage: Usd.Stage) -> Sdf.Layer:
+        """The root layer but for its time range, which grows with the stages."""
+        source = stage.GetRootLayer()
+        root = Sdf.Layer.CreateAnonymous(".usda")
+        root.subLayerPaths = [f"./{self._results.name}", self._source_asset(stage)]
+        for key in _ROOT_METADATA:
+            if source.pseudoRoot.HasInfo(key):
+                root.pseudoRoot.SetInfo(key, source.pseudoRoot.GetInfo(key))
+        # Also where the source leaves them to the fallback, which may differ at the reader's site.
+        root.pseudoRoot.SetInfo("metersPerUnit", UsdGeom.GetStageMetersPerUnit(stage))
+        root.pseudoRoot.SetInfo("upAxis", UsdGeom.GetStageUpAxis(stage))
+        for key in _TIME_RATES:
+            if source.pseudoRoot.HasInfo(key):
+                self._layer.pseudoRoot.SetInfo(key, source.pseudoRoot.GetInfo(key))
+        return root
+
+    def _source_asset(self, stage: Usd.Stage) -> str:
+        """Path of the source from the output's folder.
+
+        A stage that lies in no file as it stands (in memory, unsaved edits, session opinions) is
+        flattened into a file of its own.
+        """
+        layer = stage.GetRootLayer()
+        in_files = all(
+            used.empty if used.anonymous else not used.dirty for used in stage.GetUsedLayers()
+        )
+        if in_files and not layer.anonymous:
+            if not layer.realPath:
+                return str(layer.identifier)
+            relative = os.path.relpath(layer.realPath, self._output.parent)
+            return Path(relative).as_posix() if relative.startswith("..") else f"./{relative}"
+        self._flattened = stage.Flatten()
+        return f"./{self._flattened_file.name}"
+
+    def _define_report_prim(self, stage: Usd.Stage) -> Sdf.Path:
+        """The stage's own RenderSettings prim, else a new one that the root layer points to."""
+        authored = stage.GetMetadata("renderSettingsPrimPath")
+        if authored and UsdRender.Settings(stage.GetPrimAtPath(authored)):
+            path = Sdf.Path(authored)
+            Sdf.CreatePrimInLayer(self._layer, path)
+            return path
+        scope = Sdf.Path("/Render")
+        while stage.GetPrimAtPath(scope):
+            scope = Sdf.Path(f"/Isolux{scope.name}")
+        path = scope.AppendChild("Isolux")
+        for prim_path, type_name in ((scope, "Scope"), (path, "RenderSettings")):
+            prim = Sdf.CreatePrimInLayer(self._layer, prim_path)
+            prim.specifier = Sdf.SpecifierDef
+            prim.typeName = type_name
+        self._root.pseudoRoot.SetInfo("renderSettingsPrimPath", str(path))
+        return path
+
+    def _write_primvar(
+        self,
+        mesh: str,
+        field: OutputField,
+        layout: PrimvarLayout,
+        values: NDArray[np.float32],
+        time_code: float,
+    ) -> None:
+        array_type, value_type = _ARRAY_TYPES[values.ndim]
+        path = Sdf.Path(f"{mesh}.primvars:{field.name}")
+        attribute = self._layer.GetAttributeAtPath(path)
+        if not attribute:
+            prim = Sdf.CreatePrimInLayer(self._layer, mesh)
+            attribute = Sdf.AttributeSpec(prim, path.name, value_type)
+            attribute.SetInfo("interpolation", layout.interpolation)
+            indices = Sdf.AttributeSpec(prim, f"{path.name}:indices", Sdf.ValueTypeNames.IntArray)
+            # Without indices of ours, those of the source or of a mesh that this one references
+            # would pick from our values.
+            indices.default = (
+                Sdf.ValueBlock()
+                if layout.indices is None
+                else Vt.IntArray.FromNumpy(layout.indices)
+            )
+        sample = array_type.FromNumpy(np.ascontiguousarray(values))
+        self._layer.SetTimeSample(path, time_code, sample)
+        # For readers at the default time; equal arrays are stored once.
+        attribute.default = sample
+
+    def _block_primvar(self, mesh: str, field: OutputField) -> None:
+        """Keep out what a mesh that this one references has and this one has not."""
+        name = f"primvars:{field.name}"
+        prim = Sdf.CreatePrimInLayer(self._layer, mesh)
+        if name not in prim.attributes:
+            Sdf.AttributeSpec(
+                prim, name, Sdf.ValueTypeNames.Color3fArray
+            ).default = Sdf.ValueBlock()
+
+    def _write_report(self, stage: ProgressiveStage) -> None:
+        prim = self._layer.GetPrimAtPath(self._report_prim)
+        for field, (name, value_type) in REPORT_ATTRIBUTES.items():
+            path = self._report_prim.AppendProperty(name)
+            if not self._layer.GetAttributeAtPath(path):
+                Sdf.AttributeSpec(prim, name, value_type, Sdf.VariabilityVarying, True)
+            self._layer.SetTimeSample(path, float(stage.index), getattr(stage, field))
+        self._photons.append(stage.photons)
+        self._layer.customLayerData = {
+            "isolux": _layer_value(
+                {
+                    **self._provenance,
+                    "reportPrim": str(self._report_prim),
+                    "photonsPerStage": self._photons,
+                }
+            )
+        }
+
+    def _write_root(self, time_code: float) -> None:
+        """After the results layer, so that the root layer never points to nothing."""
+        if not self._source_has_range:
+            self._root.startTimeCode = 1.0
+            self._root.endTimeCode = time_code
+        text = self._root.ExportToString()
+        if text != self._root_written:
+            _export(self._root, self._output)
+            self._root_written = text
+
+
+def _layer_value(value: Any) -> Any:
+    """The same in the types that a layer's dictionary stores."""
+    if isinstance(value, Mapping):
+        return {key: _layer_value(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list | tuple):
+        if all(isinstance(item, int) for item in value):
+            return Vt.Int64Array(list(value))
+        if all(isinstance(item, int | float) for item in value):
+            return Vt.DoubleArray([float(item) for item in value])
+        return Vt.StringArray([str(item) for item in value])
+    return value if isinstance(value, bool | int | float) else str(value)
+
+
+def _export(layer: Sdf.Layer, path: Path) -> None:
+    with replace_atomically(path) as temporary:
+        try:
+            layer.Export(str(temporary))
+        except Tf.ErrorException as error:
+            reason = error.args[0].commentary
+            raise SceneError(str(path), reason, "a file to write") from error

@@ -1,0 +1,220 @@
+"""A picture of the baked illuminance: what a camera sees of a results stage.
+
+Surfaces reflect by Lambert's law, L = reflectance * E / pi, from the primvars alone: no light is
+traced here. Luminaires are shown as shapes of their mean luminance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from ._core import triangulate
+from .camera import Camera, framing_candidates, stage_camera
+from .errors import SceneError, SettingsError
+from .luminaire_shapes import luminaire_triangles, mean_luminance
+from .mesh_topology import MeshTopology
+from .scene_description import LuminaireDescription, MeshDescription, SceneDescription
+from .stage_reader import read_stage
+from .visible_surfaces import Surface, VisibleSurfaces
+
+FRONT_PRIMVAR = "isolux:illuminance"
+BACK_PRIMVAR = "isolux:backIlluminance"
+
+# Rays at a time: bounds the memory, some 50 MB.
+_RAYS_AT_ONCE = 1 << 18
+
+# Steps between the samples of a pixel: with 1 / n the other way, even for any number n of them.
+_GOLDEN_RATIO = (np.sqrt(5) - 1) / 2
+
+# Grid on which a candidate camera is judged.
+_SKETCH = (32, 18)
+# Cells along each side of the scene's bounds, to tell its places apart.
+_PLACES = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """Luminance seen by a camera.
+
+    rgb : (H, W, 3) float32, cd/m² by channel (linear Rec. 709), weighted by coverage
+    coverage : (H, W) float32, share of the pixel that shows a surface, 0 to 1
+    camera : prim path; empty where the camera was framed on the interior
+    time : time code of the shown progressive stage; None: the default time
+    """
+
+    rgb: NDArray[np.float32]
+    coverage: NDArray[np.float32]
+    camera: str
+    time: float | None
+
+
+def render_picture(
+    stage: Usd.Stage,
+    *,
+    camera: str | None = None,
+    time: float | None = None,
+    width: int = 960,
+    samples: int = 4,
+) -> Picture:
+    """Ray-cast the baked illuminance of a results stage.
+
+    camera : prim path; None: the first on the stage, or one framed on the interior
+    time : time code of the progressive stage; None: the last
+    width : pixels; the height follows from the camera
+    samples : rays a pixel
+    raises : SceneError where the stage has no baked illuminance or no such camera;
+        SettingsError for a width or samples below 1
+    """
+    for name, value in (("width", width), ("samples", samples)):
+        if value < 1:
+            raise SettingsError(name, str(value), "at least 1")
+    scene = _read_solved_scene(stage)
+    last = _last_time(stage, scene)
+    time = last if time is None else time
+    surfaces = VisibleSurfaces(_surfaces(stage, scene, time))
+    seen_by = stage_camera(stage, camera, scene.time_code)
+    if seen_by is None:
+        seen_by = frame_interior(surfaces, scene.up_axis)
+    height = max(1, round(width / seen_by.aspect_ratio))
+    rgb, coverage = _cast_picture(surfaces, seen_by, width, height, samples)
+    return Picture(rgb, coverage, seen_by.path, time)
+
+
+def frame_interior(surfaces: VisibleSurfaces, up_axis: str) -> Camera:
+    """The camera, of many in and around the surfaces, that shows most of what is lit."""
+    low, high = surfaces.points.min(axis=0), surfaces.points.max(axis=0)
+    area = surfaces.areas.sum()
+    target = surfaces.areas @ surfaces.middles / area if area > 0 else (low + high) / 2
+    candidates = framing_candidates(low, high, target, up_axis)
+    return max(candidates, key=lambda camera: _lit_places(surfaces, camera))
+
+
+def _lit_places(surfaces: VisibleSurfaces, camera: Camera) -> float:
+    """How many places of the scene a camera shows lit, times their share of the picture."""
+    columns, rows = _SKETCH
+    origins, directions = camera.rays(*_pixel_places(columns, rows, slice(0, rows), 1))
+    sight = surfaces.see(origins, directions)
+    lit = surfaces.luminance(sight).max(axis=1) > 0
+    hits = origins[lit] + sight.distance[lit, None] * directions[lit]
+    low, high = surfaces.points.min(axis=0), surfaces.points.max(axis=0)
+    # A flat scene has one layer of places.
+    sides = np.maximum(high - low, 1e-3 * (high - low).max())
+    places = np.floor(_PLACES * (hits - low) / sides)
+    return float(lit.mean()) * len(np.unique(places, axis=0))
+
+
+def _cast_picture(
+    surfaces: VisibleSurfaces, camera: Camera, width: int, height: int, samples: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    rgb = np.zeros((height, width, 3), np.float32)
+    coverage = np.zeros((height, width), np.float32)
+    rows_at_once = max(1, _RAYS_AT_ONCE // (width * samples))
+    for first in range(0, height, rows_at_once):
+        rows = slice(first, min(first + rows_at_once, height))
+        sight = surfaces.see(*camera.rays(*_pixel_places(width, height, rows, samples)))
+        by_pixel = (rows.stop - rows.start, width, samples)
+        rgb[rows] = surfaces.luminance(sight).reshape(*by_pixel, 3).mean(axis=2)
+        coverage[rows] = (sight.side >= 0).reshape(by_pixel).mean(axis=2)
+    return rgb, coverage
+
+
+def _pixel_places(
+    width: int, height: int, rows: slice, samples: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Places x, y of all samples of some rows, row by row, pixel by pixel, in [0, 1]."""
+    index = np.arange(samples) + 0.5
+    shift_x, shift_y = index / samples, (index * _GOLDEN_RATIO) % 1.0
+    if samples == 1:
+        shift_y = shift_x
+    row = np.arange(rows.start, rows.stop)
+    shape = (len(row), width, samples)
+    x = np.broadcast_to((np.arange(width)[:, None] + shift_x) / width, shape)
+    y = np.broadcast_to((row[:, None, None] + shift_y) / height, shape)
+    return x.ravel(), y.ravel()
+
+
+def _read_solved_scene(stage: Usd.Stage) -> SceneDescription:
+    """The scene as it was solved: without the colours and the time range that the results add."""
+    source = Usd.Stage.Open(stage.GetRootLayer(), stage.GetSessionLayer())
+    solved_at = Usd.TimeCode.EarliestTime().GetValue()
+    for layer in stage.GetUsedLayers():
+        provenance = layer.customLayerData.get("isolux")
+        if provenance is not None and layer != stage.GetRootLayer():
+            solved_at = provenance.get("timeCode", solved_at)
+            source.MuteLayer(layer.identifier)
+    return read_stage(source, solved_at)
+
+
+def _surfaces(stage: Usd.Stage, scene: SceneDescription, time: float | None) -> list[Surface]:
+    when = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+    lit = [_lit_mesh(stage.GetPrimAtPath(mesh.path), mesh, when) for mesh in scene.meshes]
+    lamps = [_lamp(luminaire) for luminaire in scene.luminaires]
+    return lit + [lamp for lamp in lamps if len(lamp.triangles)]
+
+
+def _lit_mesh(prim: Usd.Prim, mesh: MeshDescription, when: Usd.TimeCode) -> Surface:
+    corners, faces = triangulate(
+        mesh.points,
+        mesh.face_vertex_counts,
+        mesh.face_vertex_indices,
+        mesh.hole_faces,
+        mesh.flip_winding,
+    )
+    reflectance = np.broadcast_to(mesh.reflectance, (len(mesh.face_vertex_counts), 3))[faces]
+
+    def luminance(primvar: str) -> NDArray[np.float32]:
+        illuminance = _corner_illuminance(prim, primvar, mesh, when)
+        return reflectance[:, None, :] * illuminance[corners] / np.float32(np.pi)
+
+    return Surface(
+        mesh.points,
+        mesh.face_vertex_indices[corners],
+        luminance(FRONT_PRIMVAR),
+        luminance(BACK_PRIMVAR) if mesh.double_sided else None,
+    )
+
+
+def _lamp(luminaire: LuminaireDescription) -> Surface:
+    points, triangles = luminaire_triangles(luminaire)
+    if len(triangles) == 0:
+        return Surface(points, triangles, np.zeros((0, 3, 3), np.float32))
+    luminance = mean_luminance(luminaire).astype(np.float32)
+    return Surface(points, triangles, np.broadcast_to(luminance, (len(triangles), 3, 3)))
+
+
+def _corner_illuminance(
+    prim: Usd.Prim, name: str, mesh: MeshDescription, when: Usd.TimeCode
+) -> NDArray[np.float32]:
+    """(C, 3) float32, lx by channel, at the mesh's face corners."""
+    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar(name)
+    baked = primvar.ComputeFlattened(when) if primvar else None
+    if baked is None:
+        raise SceneError(mesh.path, f"no primvar {name}", "one; run `isolux solve` again")
+    values = np.asarray(baked, np.float32).reshape(-1, 3)
+    topology = MeshTopology(mesh.face_vertex_counts, mesh.face_vertex_indices, len(mesh.points))
+    interpolation = str(primvar.GetInterpolation())
+    if not topology.has_values(values, interpolation):
+        raise SceneError(
+            mesh.path,
+            f"{len(values)} {interpolation} values of {name}",
+            f"{topology.value_count(interpolation)}; the mesh has changed since `isolux solve`",
+        )
+    return topology.to_corners(values, interpolation)
+
+
+def _last_time(stage: Usd.Stage, scene: SceneDescription) -> float | None:
+    """Time code of the last progressive stage; None where the illuminance has no time samples."""
+    attributes = [
+        stage.GetPrimAtPath(mesh.path).GetAttribute(f"primvars:{FRONT_PRIMVAR}")
+        for mesh in scene.meshes
+    ]
+    baked = [attribute for attribute in attributes if attribute and attribute.HasValue()]
+    if not baked:
+        name = stage.GetRootLayer().identifier
+        raise SceneError(name, "no baked illuminance", "a results stage; run `isolux solve` first")
+    times = [attribute.GetTimeSamples() for attribute in baked]
+    return max((samples[-1] for samples in times if samples), default=None)

@@ -1,0 +1,173 @@
+"""The generated scenes: sound meshes, complete luminaires, the same text each time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom, UsdLux, UsdValidation
+from usd_scenes.box_room.generate import expected_illuminance as box_illuminance
+from usd_scenes.box_room.generate import generate as generate_box_room
+from usd_scenes.furnace_sphere.generate import expected_illuminance as sphere_illuminance
+from usd_scenes.furnace_sphere.generate import generate as generate_furnace_sphere
+from usd_scenes.furnace_sphere.generate import icosphere
+from usd_scenes.office.generate import generate as generate_office
+from usd_scenes.photometry import generate as photometry
+
+from isolux.stage_reader import read_stage
+
+GENERATORS = {
+    "office": lambda path: generate_office(path, density=0.5),
+    "furnace_sphere": generate_furnace_sphere,
+    "box_room": generate_box_room,
+}
+
+# Meshes that bound no solid: walls and panes seen from one side, canvases, the rug.
+OPEN_MESHES = {
+    *("Floor", "Ceiling", "BackWall", "FrontWall", "RightWall", "LeftWall"),
+    *("Reveals", "Glass", "Canvas", "Rug"),
+}
+
+
+@pytest.fixture(scope="module")
+def stages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Usd.Stage]:
+    folder = tmp_path_factory.mktemp("scenes")
+    opened = {}
+    for name, generate in GENERATORS.items():
+        generate(folder / f"{name}.usda")
+        opened[name] = Usd.Stage.Open(str(folder / f"{name}.usda"))
+    return opened
+
+
+def meshes(stage: Usd.Stage) -> list[UsdGeom.Mesh]:
+    return [UsdGeom.Mesh(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+
+
+def corner_triangles(mesh: UsdGeom.Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Points in metres, and faces as fans of triangles (T, 3)."""
+    points = np.array(mesh.GetPointsAttr().Get(), float)
+    points *= UsdGeom.GetStageMetersPerUnit(mesh.GetPrim().GetStage())
+    counts = np.array(mesh.GetFaceVertexCountsAttr().Get())
+    indices = np.array(mesh.GetFaceVertexIndicesAttr().Get())
+    triangles = []
+    for first, count in zip(np.cumsum(counts) - counts, counts, strict=True):
+        triangles += [indices[[first, first + i, first + i + 1]] for i in range(1, count - 1)]
+    return points, np.array(triangles)
+
+
+@pytest.mark.parametrize("name", GENERATORS)
+def test_usd_itself_finds_nothing_wrong(stages: dict[str, Usd.Stage], name: str) -> None:
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    errors = UsdValidation.ValidationContext(validators).Validate(stages[name])
+    messages = [f"{error.GetName()}: {error.GetMessage()}" for error in errors]
+    assert messages == []
+
+
+@pytest.mark.parametrize("name", GENERATORS)
+def test_the_same_parameters_give_the_same_text(stages: dict[str, Usd.Stage], name: str) -> None:
+    first = Path(stages[name].GetRootLayer().realPath)
+    again = first.with_name(f"{name}_again.usda")
+    GENERATORS[name](again)
+    assert again.read_bytes() == first.read_bytes()
+
+
+@pytest.mark.parametrize("name", GENERATORS)
+def test_meshes_are_sound(stages: dict[str, Usd.Stage], name: str) -> None:
+    for mesh in meshes(stages[name]):
+        path = mesh.GetPath()
+        points, triangles = corner_triangles(mesh)
+        p, q, r = points[triangles].transpose(1, 0, 2)
+        area_normals = np.cross(q - p, r - p) / 2
+        areas = np.linalg.norm(area_normals, axis=1)
+        assert np.isfinite(points).all(), path
+        assert areas.min() > 1e-9, path  # m^2
+        assert mesh.GetExtentAttr().HasAuthoredValue(), path
+        normals = np.array(mesh.GetNormalsAttr().Get() or [[0, 0, 1]], float)
+        assert np.abs(np.linalg.norm(normals, axis=1) - 1).max() < 1e-5, path
+
+
+@pytest.mark.parametrize("name", GENERATORS)
+def test_solids_are_closed_and_face_outwards(stages: dict[str, Usd.Stage], name: str) -> None:
+    for mesh in meshes(stages[name]):
+        if mesh.GetPrim().GetName() in OPEN_MESHES or mesh.GetDoubleSidedAttr().Get():
+            continue
+        points, triangles = corner_triangles(mesh)
+        edges = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+        forward = {tuple(edge) for edge in edges}
+        assert {(b, a) for a, b in forward} == forward, f"{mesh.GetPath()} has a border"
+        p, q, r = points[triangles].transpose(1, 0, 2)
+        volume = np.einsum("ij,ij->", p, np.cross(q, r)) / 6
+        inside_out = name != "office"  # the closed rooms are seen from inside
+        assert (volume < 0) == inside_out, f"{mesh.GetPath()}: {volume} m^3"
+
+
+def test_the_office_has_no_gap_for_a_photon(stages: dict[str, Usd.Stage]) -> None:
+    """Walls, reveals and glass meet edge on edge, to the last bit of the stage's points."""
+    edges = set()
+    for mesh in meshes(stages["office"]):
+        if mesh.GetPrim().GetName() in OPEN_MESHES - {"Canvas", "Rug"}:
+            points = [tuple(point) for point in mesh.GetPointsAttr().Get()]
+            for quad in np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 4):
+                corners = [points[i] for i in quad]
+                edges |= set(zip(corners, corners[1:] + corners[:1], strict=True))
+    assert {(b, a) for a, b in edges} == edges
+
+
+def test_the_office_is_read_whole(stages: dict[str, Usd.Stage]) -> None:
+    scene = read_stage(stages["office"])
+    assert scene.findings == ()
+    assert len(scene.meshes) == len(meshes(stages["office"]))
+    flux = {luminaire.path: luminaire.luminous_flux for luminaire in scene.luminaires}
+    assert flux["/World/WallWasher1/Light"] == pytest.approx(0.8 * 620, rel=1e-3)
+    assert flux["/World/Pendant/Light"] == pytest.approx(1300, rel=1e-3)
+    assert flux["/World/DownlightDoor"] == pytest.approx(0.35 * 1200, rel=1e-3)
+    assert flux["/World/DownlightWindow"] == pytest.approx(0.35 * 900, rel=1e-3)
+    assert flux["/World/DeskLamp/Light"] == pytest.approx(380)
+    assert flux["/World/FloorLamp/Light"] == pytest.approx(800)
+
+
+def test_the_office_is_complete(stages: dict[str, Usd.Stage]) -> None:
+    stage = stages["office"]
+    lights = [prim for prim in stage.Traverse() if prim.HasAPI(UsdLux.LightAPI)]
+    absolute = [
+        prim
+        for prim in lights
+        if "IsoluxLuminaireAPI" in prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+    ]
+    files = [prim.GetAttribute("inputs:isolux:file").Get() for prim in absolute]
+    found = {Path(file.resolvedPath).name for file in files if file}
+    assert found == set(photometry.FILES)
+    assert any(prim.GetAttribute("inputs:isolux:candela").Get() for prim in absolute)
+    assert len(absolute) == 7 and len(lights) == 8
+    settings = stage.GetPrimAtPath(stage.GetMetadata("renderSettingsPrimPath"))
+    assert "IsoluxSolverAPI" in settings.GetPrimTypeInfo().GetAppliedAPISchemas()
+    [camera] = settings.GetRelationship("camera").GetTargets()
+    focal_length = UsdGeom.Camera(stage.GetPrimAtPath(camera)).GetFocalLengthAttr().Get()
+    assert 24 <= focal_length <= 28  # mm, on a stage in centimetres
+
+
+@pytest.mark.parametrize(("density", "triangles"), [(0.5, 37_500), (1.0, 100_000)])
+def test_density_sets_the_number_of_triangles(
+    tmp_path: Path, density: float, triangles: int
+) -> None:
+    generate_office(tmp_path / "office.usdc", density)
+    stage = Usd.Stage.Open(str(tmp_path / "office.usdc"))
+    counts = [np.array(mesh.GetFaceVertexCountsAttr().Get()) for mesh in meshes(stage)]
+    assert sum((count - 2).sum() for count in counts) == pytest.approx(triangles, rel=0.05)
+
+
+def test_expected_values_are_those_of_the_closed_forms() -> None:
+    sphere = icosphere(4)
+    assert len(sphere.counts) == 20 * 4**4
+    assert sphere.area() == pytest.approx(4 * np.pi, rel=2e-3)  # facets lie inside the sphere
+    assert sphere_illuminance(sphere, 0.5) == pytest.approx(1000 / (4 * np.pi * 0.5), rel=2e-3)
+    assert box_illuminance(0.5) == pytest.approx((104.2, 104.2), rel=1e-3)  # CIE 171, 5.8
+    assert box_illuminance(0.9)[1] == pytest.approx(937, rel=1e-3)
+
+
+@pytest.mark.parametrize("file_name", photometry.FILES)
+def test_photometric_files_are_those_of_their_formulas(file_name: str) -> None:
+    committed = (photometry.HERE / file_name).read_bytes()
+    assert committed == photometry.FILES[file_name]().encode("ascii")

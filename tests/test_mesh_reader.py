@@ -115,6 +115,17 @@ def test_normals_stay_perpendicular_under_uneven_scale_and_outward_under_mirrori
         np.testing.assert_allclose(mesh.corner_normals[0], front_normals(mesh)[0], atol=1e-6)
 
 
+def test_normals_that_all_oppose_the_winding_say_where_the_front_is():
+    scene = read_usda(
+        square("normal3f[] normals = [(0, 0, -1), (0, 0, -1), (0, 0, -1), (0, 0, -1)]")
+    )
+    assert scene.meshes[0].flip_winding
+    np.testing.assert_array_equal(scene.meshes[0].corner_normals, [[0, 0, -1]] * 4)
+    assert [(f.path, f.kind, f.action) for f in scene.findings] == [
+        ("/Square", "orientation", "repaired")
+    ]
+
+
 @pytest.mark.parametrize(
     "normals",
     [

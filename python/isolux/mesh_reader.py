@@ -16,6 +16,8 @@ from .scene_description import MeshDescription
 
 # Faces on which authored normals are compared with the winding: enough to tell a majority.
 NORMAL_CHECK_FACES = 2000
+# From this share of opposed normals on, the winding is wrong and not some of the normals.
+TURNED_SHARE = 0.95
 
 
 def read_mesh(
@@ -55,7 +57,17 @@ def read_mesh(
     _note_what_is_not_read(mesh, context)
     normals = None
     if mesh.GetSubdivisionSchemeAttr().Get(context.time) == UsdGeom.Tokens.none:
-        normals = _corner_normals(mesh, topology, to_world, world, flip_winding, context)
+        normals = _corner_normals(mesh, topology, to_world, context)
+    if normals is not None:
+        opposed = _share_against_winding(normals, topology, world, flip_winding)
+        if opposed >= TURNED_SHARE:
+            reason = "its normals point to the back of its faces: the front is taken from them"
+            context.note(prim, "orientation", "repaired", reason)
+            flip_winding = not flip_winding
+        elif opposed > 0.5:
+            reason = "most point to the back of their faces: geometric ones instead"
+            context.note(prim, "normals", "repaired", reason)
+            normals = None
     return MeshDescription(
         path=str(prim.GetPath()),
         points=world * context.meters_per_unit,
@@ -104,8 +116,6 @@ def _corner_normals(
     mesh: UsdGeom.Mesh,
     topology: MeshTopology,
     to_world: NDArray[np.float64],
-    world: NDArray[np.float64],
-    flip_winding: bool,
     context: ReadingContext,
 ) -> NDArray[np.float32] | None:
     """(C, 3) float32 authored unit normals in world space; None where there are none to trust."""
@@ -133,24 +143,20 @@ def _corner_normals(
     # The inverse transpose keeps outward normals outward, under mirroring as well.
     turned = values @ np.linalg.inv(to_world[:3, :3]).T
     turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-    corners = topology.to_corners(turned.astype(np.float32), interpolation)
-    if _oppose_winding(corners, topology, world, flip_winding):
-        reason = "most point to the back of their faces: geometric ones instead"
-        context.note(prim, "normals", "repaired", reason)
-        return None
-    return np.ascontiguousarray(corners)
+    return np.ascontiguousarray(topology.to_corners(turned.astype(np.float32), interpolation))
 
 
-def _oppose_winding(
+def _share_against_winding(
     corner_normals: NDArray[np.float32],
     topology: MeshTopology,
     world: NDArray[np.float64],
     flip_winding: bool,
-) -> bool:
-    """Whether most authored normals point to the side that the corner order calls the back."""
+) -> float:
+    """Share of faces whose authored normal points to the side that the corner order calls back."""
     faces = np.flatnonzero(topology.counts >= 3)
     faces = faces[:: max(1, len(faces) // NORMAL_CHECK_FACES)]
     geometric = topology.face_normals(world, faces) * (-1.0 if flip_winding else 1.0)
     authored = corner_normals[topology.starts[faces]]
     side = np.einsum("ij,ij->i", geometric, authored)
-    return bool((side < 0).sum() > (side > 0).sum())
+    decided = np.count_nonzero(side)
+    return float((side < 0).sum() / decided) if decided else 0.0

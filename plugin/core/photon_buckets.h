@@ -39,6 +39,14 @@ class PhotonBuckets {
             sums[2].fetch_add(fixed_point(colour.z), std::memory_order_relaxed);
         }
     }
+    // Hints that a deposit follows soon.
+    void prefetch(std::int32_t vertex, LightPath path, std::size_t batch) const {
+        __builtin_prefetch(&hit_counts_[index(vertex, path) * kBatches + batch], 1);
+        if (coloured_) {
+            __builtin_prefetch(&colour_sums_[index(vertex, path) * 4], 1);
+        }
+    }
+
     // Photons that one range of histories ended with. Not safe from several threads.
     struct Ends {
         std::uint64_t emitted = 0, rays = 0, absorbed = 0, back_absorbed = 0, escaped = 0;

@@ -1,5 +1,7 @@
 #include "core/photon_tracer.h"
 
+#include <array>
+
 #include <tbb/blocked_range.h>
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
@@ -19,66 +21,125 @@ std::int32_t nearest_vertex(const MeshElement& element, const Hit& hit) {
     return hit.u >= hit.v ? element.vertices[1] : element.vertices[2];
 }
 
+// Photons that are followed side by side: each waits for memory while the others go on.
+constexpr std::size_t kFront = 16;
+
 class PhotonWalk {
   public:
     PhotonWalk(const Scene& scene, PhotonBuckets& buckets, PhotonBuckets::Ends& ends)
         : scene_(scene), buckets_(buckets), ends_(ends) {}
 
-    void trace(std::uint64_t seed, std::uint64_t photon) {
-        PhotonRandom random(seed, photon);
-        const std::size_t batch = photon % kBatches;
-        const Luminaire& luminaire = scene_.choose_luminaire(random.next_double());
-        const Emission emission = luminaire.sample_emission(random);
-        const Vec3f direction = emission.direction.as<float>();
-        const Vec3f origin = (emission.origin - scene_.ray_caster().origin()).as<float>();
-        Ray ray{origin + direction * scene_.ray_caster().offset(origin, 0.0F), direction};
-        Vec3f colour = luminaire.colour;
-        LightPath path = LightPath::direct;
-        ++ends_.emitted;
-        while (bounce(ray, colour, path, batch, random)) {
-            path = LightPath::indirect;
+    void trace(std::uint64_t seed, std::uint64_t first, std::uint64_t last) {
+        std::array<Photon, kFront> front;
+        std::size_t alive = 0;
+        while (first < last || alive > 0) {
+            while (alive < kFront && first < last) {
+                front[alive++] = emit(seed, first++);
+            }
+            for (std::size_t i = 0; i < alive; ++i) {
+                cast(front[i]);
+            }
+            for (std::size_t i = 0; i < alive; ++i) {
+                find_bucket(front[i]);
+            }
+            std::size_t kept = 0;
+            for (std::size_t i = 0; i < alive; ++i) {
+                if (bounce(front[i])) {
+                    front[kept++] = front[i];
+                }
+            }
+            alive = kept;
         }
     }
 
   private:
-    // One ray and what it meets; false where the photon ends.
-    bool bounce(Ray& ray, Vec3f& colour, LightPath path, std::size_t batch, PhotonRandom& random) {
-        const IlluminationMesh& mesh = scene_.mesh();
-        const Hit hit = scene_.ray_caster().closest_hit(ray);
+    struct Photon {
+        PhotonRandom random{0, 0};
+        std::uint8_t batch = 0;
+        LightPath path = LightPath::direct;
+        Vec3f colour; // of luminance 1
+        Ray ray;
+        Hit hit;
+        Vec3f normal;                 // on the side that was hit
+        std::int32_t vertex = kNoHit; // whose bucket takes it; kNoHit: a one-sided mesh's back
+    };
+
+    Photon emit(std::uint64_t seed, std::uint64_t index) {
+        Photon photon;
+        photon.random = PhotonRandom(seed, index);
+        photon.batch = static_cast<std::uint8_t>(index % kBatches);
+        const Luminaire& luminaire = scene_.choose_luminaire(photon.random.next_double());
+        const Emission emission = luminaire.sample_emission(photon.random);
+        const RayCaster& caster = scene_.ray_caster();
+        const Vec3f direction = emission.direction.as<float>();
+        const Vec3f origin = (emission.origin - caster.origin()).as<float>();
+        photon.ray = {origin + direction * caster.offset(origin, 0.0F), direction};
+        photon.colour = luminaire.colour;
+        ++ends_.emitted;
+        return photon;
+    }
+
+    void cast(Photon& photon) {
+        photon.hit = scene_.ray_caster().closest_hit(photon.ray);
         ++ends_.rays;
-        if (hit.triangle == kNoHit) {
+        if (photon.hit.triangle != kNoHit) {
+            __builtin_prefetch(&element_of(photon.hit));
+        }
+    }
+
+    void find_bucket(Photon& photon) {
+        if (photon.hit.triangle == kNoHit) {
+            return;
+        }
+        const MeshElement& element = element_of(photon.hit);
+        photon.normal = normalize(photon.hit.normal);
+        photon.vertex = nearest_vertex(element, photon.hit);
+        if (dot(photon.ray.direction, photon.normal) > 0.0F) {
+            const std::int32_t back_offset = surface_of(element).back_offset;
+            photon.normal = -photon.normal;
+            photon.vertex = back_offset < 0 ? kNoHit : photon.vertex + back_offset;
+        }
+        if (photon.vertex != kNoHit) {
+            buckets_.prefetch(photon.vertex, photon.path, photon.batch);
+        }
+    }
+
+    // Leaves the photon in its bucket; false where it ends.
+    bool bounce(Photon& photon) {
+        if (photon.hit.triangle == kNoHit) {
             ++ends_.escaped;
             return false;
         }
-        const MeshElement& element = mesh.elements[static_cast<std::size_t>(hit.triangle)];
-        const Surface& surface = mesh.surfaces[static_cast<std::size_t>(element.surface)];
-        Vec3f normal = normalize(hit.normal);
-        std::int32_t vertex = nearest_vertex(element, hit);
-        if (dot(ray.direction, normal) > 0.0F) {
-            if (surface.back_offset < 0) {
-                ++ends_.back_hits[static_cast<std::size_t>(surface.mesh)];
-                ++ends_.back_absorbed;
-                return false;
-            }
-            normal = -normal;
-            vertex += surface.back_offset;
+        const Surface& surface = surface_of(element_of(photon.hit));
+        if (photon.vertex == kNoHit) {
+            ++ends_.back_hits[static_cast<std::size_t>(surface.mesh)];
+            ++ends_.back_absorbed;
+            return false;
         }
-        buckets_.deposit(vertex, path, batch, colour);
+        buckets_.deposit(photon.vertex, photon.path, photon.batch, photon.colour);
 
         // Survival keeps the photon's luminous flux; its colour changes beside.
-        const Vec3f reflected = colour * surface.reflectance;
+        const Vec3f reflected = photon.colour * surface.reflectance;
         const float survival = luminance(reflected);
-        if (random.next_double() >= static_cast<double>(survival)) {
+        if (photon.random.next_double() >= static_cast<double>(survival)) {
             ++ends_.absorbed;
             return false;
         }
         if (scene_.coloured()) {
-            colour = reflected * (1.0F / survival);
+            photon.colour = reflected * (1.0F / survival);
         }
-        const Vec3f p = ray.origin + ray.direction * hit.distance;
-        ray.direction = cosine_direction(normal, random);
-        ray.origin = p + normal * scene_.ray_caster().offset(p, hit.distance);
+        photon.path = LightPath::indirect;
+        const Vec3f p = photon.ray.origin + photon.ray.direction * photon.hit.distance;
+        photon.ray.direction = cosine_direction(photon.normal, photon.random);
+        photon.ray.origin = p + photon.normal * scene_.ray_caster().offset(p, photon.hit.distance);
         return true;
+    }
+
+    const MeshElement& element_of(const Hit& hit) const {
+        return scene_.mesh().elements[static_cast<std::size_t>(hit.triangle)];
+    }
+    const Surface& surface_of(const MeshElement& element) const {
+        return scene_.mesh().surfaces[static_cast<std::size_t>(element.surface)];
     }
 
     const Scene& scene_;
@@ -90,7 +151,7 @@ class PhotonWalk {
 
 void trace_photons(const Scene& scene, std::uint64_t seed, PhotonRange range, int threads,
                    PhotonBuckets& buckets) {
-    constexpr std::uint64_t kGrain = 256;
+    constexpr std::uint64_t kGrain = 1024;
     PhotonBuckets::Ends none;
     none.back_hits.resize(scene.mesh().meshes.size());
     tbb::enumerable_thread_specific<PhotonBuckets::Ends> ends(none);
@@ -99,9 +160,7 @@ void trace_photons(const Scene& scene, std::uint64_t seed, PhotonRange range, in
             tbb::blocked_range<std::uint64_t>(range.first, range.first + range.count, kGrain),
             [&](const auto& block) {
                 PhotonWalk walk(scene, buckets, ends.local());
-                for (auto photon = block.begin(); photon < block.end(); ++photon) {
-                    walk.trace(seed, photon);
-                }
+                walk.trace(seed, block.begin(), block.end());
             });
     });
     for (const auto& e : ends) {

@@ -135,17 +135,17 @@ nb::dict filter(const IlluminationFilter& self, const Scene& scene, const Photon
                 double accuracy, double sharing, bool paper_interval, int threads) {
     const FilterSettings settings{accuracy, sharing,
                                   paper_interval ? IntervalRule::paper : IntervalRule::corrected};
-    FilteredIllumination direct, indirect;
+    std::array<FilteredIllumination, 2> filtered;
     RmsErrors errors;
     {
         nb::gil_scoped_release release;
         const double photon_flux =
             scene.luminous_flux() /
             static_cast<double>(std::max<std::uint64_t>(1, buckets.ends().emitted));
-        direct = self.filter(buckets, LightPath::direct, photon_flux, settings, threads);
-        indirect = self.filter(buckets, LightPath::indirect, photon_flux, settings, threads);
-        errors = rms_errors(scene.mesh(), buckets, photon_flux, direct, indirect);
+        filtered = self.filter(buckets, photon_flux, settings, threads);
+        errors = rms_errors(scene.mesh(), buckets, photon_flux, filtered[0], filtered[1]);
     }
+    auto& [direct, indirect] = filtered;
     nb::dict out;
     out["relative_deviation"] = hand_over(total_deviation(direct, indirect));
     out["direct"] = hand_over(std::move(direct.illuminance));

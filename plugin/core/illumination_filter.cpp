@@ -64,6 +64,52 @@ std::vector<double> luminance_reflectance(const IlluminationMesh& mesh) {
     return sum;
 }
 
+constexpr std::array kLightPaths{LightPath::direct, LightPath::indirect};
+
+// One vertex's filtered light of one light path.
+struct VertexEstimate {
+    FilteredIllumination::Halves halves{};
+    Vec3f illuminance;
+    float relative_deviation = 1.0F;
+    float radius = 0.0F, least_radius = 0.0F;
+};
+
+VertexEstimate estimate(const PhotonBuckets& buckets, LightPath path,
+                        const std::array<std::vector<double>, 2>& counts,
+                        std::span<const Neighbour> accepted, const std::array<Support, 2>& supports,
+                        double half_photon_flux) {
+    VertexEstimate out;
+    Vec3d colours;
+    double hits = 0.0, illuminance = 0.0, variance = 0.0;
+    for (const std::size_t half : {0U, 1U}) {
+        const Support& support = supports[half];
+        double other_hits = 0.0;
+        for (const auto& member : accepted.first(support.size)) {
+            other_hits += counts[1 - half][member.vertex];
+            hits += counts[0][member.vertex] + counts[1][member.vertex];
+            colours += buckets.colour_sum(member.vertex, path);
+        }
+        const double to_illuminance = support.area > 0.0 ? half_photon_flux / support.area : 0.0;
+        out.halves[half] = {static_cast<float>(other_hits * to_illuminance), support.area};
+        illuminance += 0.5 * other_hits * to_illuminance;
+        variance += 0.25 * other_hits * to_illuminance * to_illuminance;
+    }
+    out.illuminance = (colours * (hits > 0.0 ? illuminance / hits : 0.0)).as<float>();
+    if (illuminance > 0.0) {
+        out.relative_deviation = static_cast<float>(std::sqrt(variance) / illuminance);
+    }
+    out.radius = std::max(supports[0].radius, supports[1].radius);
+    out.least_radius = std::min(supports[0].radius, supports[1].radius);
+    return out;
+}
+
+void assign(const VertexEstimate& estimate, std::size_t vertex, FilteredIllumination& out) {
+    out.halves[vertex] = estimate.halves;
+    out.illuminance[vertex] = estimate.illuminance;
+    out.relative_deviation[vertex] = estimate.relative_deviation;
+    out.support_radius[vertex] = estimate.radius;
+}
+
 } // namespace
 
 IlluminationFilter::IlluminationFilter(const IlluminationMesh& mesh)
@@ -83,78 +129,66 @@ IlluminationFilter::IlluminationFilter(const IlluminationMesh& mesh)
     }
 }
 
-FilteredIllumination IlluminationFilter::filter(const PhotonBuckets& buckets, LightPath path,
-                                                double photon_flux, const FilterSettings& settings,
-                                                int threads) const {
+std::array<FilteredIllumination, 2> IlluminationFilter::filter(const PhotonBuckets& buckets,
+                                                               double photon_flux,
+                                                               const FilterSettings& settings,
+                                                               int threads) const {
     const std::size_t n = positions_.size();
-    std::array<std::vector<double>, 2> counts{std::vector<double>(n), std::vector<double>(n)};
-    std::vector<double> seen(n);
-    for (std::size_t v = 0; v < n; ++v) {
-        const auto vertex = static_cast<std::int32_t>(v);
-        const auto halves = buckets.half_hit_counts(vertex, path);
-        counts[0][v] = static_cast<double>(halves[0]);
-        counts[1][v] = static_cast<double>(halves[1]);
-        const auto all = static_cast<double>(buckets.hit_count(vertex, LightPath::direct) +
-                                             buckets.hit_count(vertex, LightPath::indirect));
-        seen[v] = mesh_.areas[v] > 0.0
-                      ? all * photon_flux / mesh_.areas[v] * reflectance_[v] / std::numbers::pi
-                      : 0.0;
+    SupportSelection::Counts counts;
+    std::vector<double> seen(n); // cd/m²
+    for (const LightPath path : kLightPaths) {
+        auto& [even, odd] = counts[static_cast<std::size_t>(path)];
+        even.resize(n);
+        odd.resize(n);
+        for (std::size_t v = 0; v < n; ++v) {
+            const auto halves = buckets.half_hit_counts(static_cast<std::int32_t>(v), path);
+            even[v] = static_cast<double>(halves[0]);
+            odd[v] = static_cast<double>(halves[1]);
+            if (mesh_.areas[v] > 0.0) {
+                seen[v] += (even[v] + odd[v]) * photon_flux / mesh_.areas[v] * reflectance_[v] /
+                           std::numbers::pi;
+            }
+        }
     }
     const SupportCriteria criteria{settings.accuracy * std::numbers::sqrt2, 2.0 * photon_flux,
                                    dark_luminance(adaptation_luminance(seen, mesh_.areas)),
                                    IntervalTable(settings.rule)};
 
-    FilteredIllumination out{std::vector<std::array<FilteredIllumination::Half, 2>>(n),
-                             std::vector<Vec3f>(n), std::vector<float>(n, 1.0F),
-                             std::vector<float>(n)};
+    std::array<FilteredIllumination, 2> out;
+    for (auto& filtered : out) {
+        filtered = {std::vector<FilteredIllumination::Halves>(n), std::vector<Vec3f>(n),
+                    std::vector<float>(n), std::vector<float>(n)};
+    }
     const auto order = tree_.spatial_order();
     const auto filter_block = [&](std::size_t begin, std::size_t end) {
         SupportSelection selection(*this, counts, criteria);
-        std::vector<bool> done(end - begin, false);
+        std::vector<std::array<bool, 2>> wanted(end - begin, {true, true});
         for (std::size_t i = begin; i < end; ++i) {
-            if (done[i - begin]) {
+            const std::array<bool, 2> here = wanted[i - begin];
+            if (!here[0] && !here[1]) {
                 continue;
             }
-            std::array<FilteredIllumination::Half, 2> halves{};
-            Vec3d colours;
-            double hits = 0.0, estimate = 0.0, variance = 0.0;
-            float least_radius = std::numeric_limits<float>::infinity(), radius = 0.0F;
-            const auto supports = selection.select(static_cast<std::int32_t>(order[i]));
-            for (const std::size_t half : {0U, 1U}) {
-                const Support& support = supports[half];
-                double other_hits = 0.0;
-                for (const auto& member : selection.accepted().first(support.size)) {
-                    other_hits += counts[1 - half][member.vertex];
-                    colours += buckets.colour_sum(member.vertex, path);
-                    hits += counts[0][member.vertex] + counts[1][member.vertex];
+            const auto supports = selection.select(static_cast<std::int32_t>(order[i]), here);
+            for (const LightPath light : kLightPaths) {
+                const auto path = static_cast<std::size_t>(light);
+                if (!here[path]) {
+                    continue;
                 }
-                const double to_illuminance =
-                    support.area > 0.0 ? criteria.photon_flux / support.area : 0.0;
-                halves[half] = {static_cast<float>(other_hits * to_illuminance), support.area};
-                estimate += 0.5 * other_hits * to_illuminance;
-                variance += 0.25 * other_hits * to_illuminance * to_illuminance;
-                least_radius = std::min(least_radius, support.radius);
-                radius = std::max(radius, support.radius);
-            }
-            const Vec3f illuminance = (colours * (hits > 0.0 ? estimate / hits : 0.0)).as<float>();
-            const float deviation =
-                estimate > 0.0 ? static_cast<float>(std::sqrt(variance) / estimate) : 1.0F;
-            const auto assign = [&](std::size_t v) {
-                out.halves[v] = halves;
-                out.illuminance[v] = illuminance;
-                out.relative_deviation[v] = deviation;
-                out.support_radius[v] = radius;
-                done[rank_[v] - begin] = true;
-            };
-            assign(order[i]);
-            const float sharing_radius = least_radius * static_cast<float>(settings.sharing);
-            for (const auto& member : selection.accepted()) {
-                if (member.squared_distance > sharing_radius * sharing_radius) {
-                    break;
-                }
-                const std::size_t rank = rank_[member.vertex];
-                if (rank >= begin && rank < end && !done[rank - begin]) {
-                    assign(static_cast<std::size_t>(member.vertex));
+                const VertexEstimate found =
+                    estimate(buckets, light, counts[path], selection.accepted(), supports[path],
+                             criteria.photon_flux);
+                assign(found, order[i], out[path]);
+                const float sharing_radius =
+                    found.least_radius * static_cast<float>(settings.sharing);
+                for (const auto& member : selection.accepted()) {
+                    if (member.squared_distance > sharing_radius * sharing_radius) {
+                        break;
+                    }
+                    const std::size_t rank = rank_[member.vertex];
+                    if (rank > i && rank < end && wanted[rank - begin][path]) {
+                        wanted[rank - begin][path] = false;
+                        assign(found, static_cast<std::size_t>(member.vertex), out[path]);
+                    }
                 }
             }
         }

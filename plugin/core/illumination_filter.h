@@ -29,7 +29,8 @@ struct FilteredIllumination {
         float illuminance;   // lx, photometric
         double support_area; // m²
     };
-    std::vector<std::array<Half, 2>> halves;
+    using Halves = std::array<Half, 2>;
+    std::vector<Halves> halves;
     std::vector<Vec3f> illuminance;        // lx by channel; luminance: the mean of the halves
     std::vector<float> relative_deviation; // of the photometric illuminance; 1 where no photon is
     std::vector<float> support_radius;     // m; 0 where the own bucket suffices
@@ -39,9 +40,9 @@ class IlluminationFilter {
   public:
     explicit IlluminationFilter(const IlluminationMesh& mesh);
 
-    // photon_flux: lm a photon.
-    FilteredIllumination filter(const PhotonBuckets& buckets, LightPath path, double photon_flux,
-                                const FilterSettings& settings, int threads) const;
+    // Of direct and of indirect light. photon_flux: lm a photon.
+    std::array<FilteredIllumination, 2> filter(const PhotonBuckets& buckets, double photon_flux,
+                                               const FilterSettings& settings, int threads) const;
 
   private:
     friend class SupportSelection;

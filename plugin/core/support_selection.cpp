@@ -19,7 +19,7 @@ constexpr std::size_t kFirstCandidates = 24;
 constexpr float kSquaredRadiusStep = 2.0F;
 // Departure: the search for a support ends after this many vertices, where the paper sets no bound:
 // it keeps the cost of a vertex bounded in dark and vast surroundings.
-constexpr std::size_t kMaxConnected = 1024, kMaxOthers = 256;
+constexpr std::size_t kMaxConnected = 512, kMaxOthers = 128;
 // A surface with fewer photons than these (a deviation above 25 %) may draw on other surfaces.
 constexpr double kFewPhotons = 16.0;
 
@@ -93,9 +93,17 @@ void SupportSelection::judge(double to_luminance, Growth& growth) const {
     growth.stopped = smooth || dark;
 }
 
-std::array<SupportSelection::Growth, 2> SupportSelection::grow(std::int32_t vertex, Reach reach) {
+SupportSelection::Each<SupportSelection::Growth>
+SupportSelection::grow(std::int32_t vertex, std::array<bool, 2> wanted, Reach reach) {
     const double to_luminance = filter_.reflectance_[vertex] / std::numbers::pi;
-    std::array<Growth, 2> halves;
+    Each<Growth> growths;
+    std::size_t growing = 0;
+    for (const std::size_t path : {0U, 1U}) {
+        for (Growth& growth : growths[path]) {
+            growth.stopped = !wanted[path];
+            growing += wanted[path];
+        }
+    }
     accepted_.clear();
     for (Shell shell; next_shell(vertex, reach, shell);) {
         const std::size_t accepted_before = accepted_.size();
@@ -104,37 +112,52 @@ std::array<SupportSelection::Growth, 2> SupportSelection::grow(std::int32_t vert
                 continue;
             }
             accepted_.push_back(candidate);
-            for (const std::size_t half : {0U, 1U}) {
-                Growth& growth = halves[half];
-                if (growth.stopped) {
-                    continue;
-                }
-                take(candidate, hit_counts_[half], growth);
-                if (growth.taken.area > 0.0 && growth.taken.area >= growth.next_area) {
-                    judge(to_luminance, growth);
+            for (const std::size_t path : {0U, 1U}) {
+                for (const std::size_t half : {0U, 1U}) {
+                    Growth& growth = growths[path][half];
+                    if (growth.stopped) {
+                        continue;
+                    }
+                    take(candidate, hit_counts_[path][half], growth);
+                    if (growth.taken.area > 0.0 && growth.taken.area >= growth.next_area) {
+                        judge(to_luminance, growth);
+                        growing -= growth.stopped;
+                    }
                 }
             }
-            if (halves[0].stopped && halves[1].stopped) {
-                return halves;
+            if (growing == 0) {
+                return growths;
             }
         }
         if (!candidates_.empty() && accepted_.size() == accepted_before) {
             break; // what lies further off faces another way
         }
     }
-    return halves;
+    return growths;
 }
 
-std::array<Support, 2> SupportSelection::select(std::int32_t vertex) {
-    const auto enough = [](const Growth& growth) {
-        return growth.stopped || growth.support().hit_count >= 0.5 * kFewPhotons;
-    };
-    auto halves = grow(vertex, Reach::connected);
-    if (!enough(halves[0]) || !enough(halves[1])) {
-        halves = grow(vertex, Reach::all);
+SupportSelection::Each<Support> SupportSelection::select(std::int32_t vertex,
+                                                         std::array<bool, 2> wanted) {
+    Each<Growth> growths = grow(vertex, wanted, Reach::connected);
+    std::array<bool, 2> few{};
+    for (const std::size_t path : {0U, 1U}) {
+        few[path] = std::ranges::any_of(growths[path], [](const Growth& growth) {
+            return !growth.stopped && growth.support().hit_count < 0.5 * kFewPhotons;
+        });
     }
-    const std::array<Support, 2> supports{halves[0].support(), halves[1].support()};
-    accepted_.resize(std::max(supports[0].size, supports[1].size));
+    if (few[0] || few[1]) {
+        // Both light paths, so that the accepted vertices are those of all supports.
+        growths = grow(vertex, wanted, Reach::all);
+    }
+    Each<Support> supports;
+    std::size_t largest = 0;
+    for (const std::size_t path : {0U, 1U}) {
+        for (const std::size_t half : {0U, 1U}) {
+            supports[path][half] = growths[path][half].support();
+            largest = std::max(largest, supports[path][half].size);
+        }
+    }
+    accepted_.resize(largest);
     return supports;
 }
 

@@ -18,7 +18,7 @@ struct Support {
     std::size_t size = 0; // accepted vertices, nearest first
 };
 
-// What the stopping criteria need, for one component of light and one half of the photons.
+// What the stopping criteria need, for one half of the photons.
 struct SupportCriteria {
     double accuracy;       // relative deviation at which to stop
     double photon_flux;    // lm
@@ -26,23 +26,27 @@ struct SupportCriteria {
     IntervalTable intervals;
 };
 
-// Supports of both halves of the photons at once: they differ in where they stop.
+// Supports for direct and indirect light and for both halves of the photons at once: they look at
+// the same vertices and differ in where they stop.
 class SupportSelection {
   public:
-    using Counts = std::array<std::vector<double>, 2>; // of each half, a vertex
+    // Of each light path and half.
+    template <typename T> using Each = std::array<std::array<T, 2>, 2>;
+    using Counts = Each<std::vector<double>>; // hits, a vertex
 
     SupportSelection(const IlluminationFilter& filter, const Counts& hit_counts,
                      const SupportCriteria& criteria)
         : filter_(filter), hit_counts_(hit_counts), criteria_(criteria) {}
 
-    std::array<Support, 2> select(std::int32_t vertex);
-    // Vertices of the larger support of the last selection, nearest first; the smaller one is made
-    // of the first of them.
+    // wanted: which light paths; supports of the others stay empty.
+    Each<Support> select(std::int32_t vertex, std::array<bool, 2> wanted);
+    // Vertices of the largest support of the last selection, nearest first; the others are made of
+    // the first of them.
     std::span<const Neighbour> accepted() const { return accepted_; }
 
   private:
     enum class Reach { connected, all };
-    // The support of one half on its way: as far as taken, and as far as found good.
+    // One support on its way: as far as taken, and as far as found good.
     struct Growth {
         Support taken, judged;
         Interval plausible{0.0, 0.0}; // lx
@@ -56,7 +60,7 @@ class SupportSelection {
         std::size_t seen = 0;       // vertices in all shells so far
     };
 
-    std::array<Growth, 2> grow(std::int32_t vertex, Reach reach);
+    Each<Growth> grow(std::int32_t vertex, std::array<bool, 2> wanted, Reach reach);
     // Fills candidates_; false where all vertices have been seen, or as many as a support may.
     bool next_shell(std::int32_t vertex, Reach reach, Shell& shell);
     bool accepts(std::int32_t vertex, const Neighbour& candidate) const;

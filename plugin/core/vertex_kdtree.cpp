@@ -13,25 +13,25 @@ namespace {
 // Groups lie apart in a fourth dimension, further than any two positions of one group, so that one
 // tree serves all groups and a search never leaves its own.
 struct Points {
-    std::span<const Vec3f> positions;
-    std::span<const std::int32_t> groups;
     float spacing; // m, a power of two: multiples are exact
+    std::vector<std::array<float, 4>> points;
 
-    Points(std::span<const Vec3f> p, std::span<const std::int32_t> g) : positions(p), groups(g) {
-        float largest = 0.0F;
-        for (const auto& position : positions) {
-            largest = std::max(
-                {largest, std::abs(position.x), std::abs(position.y), std::abs(position.z)});
+    Points(std::span<const Vec3f> positions, std::span<const std::int32_t> groups)
+        : points(positions.size()) {
+        float largest = 0x1p-60F;
+        for (const auto& p : positions) {
+            largest = std::max({largest, std::abs(p.x), std::abs(p.y), std::abs(p.z)});
         }
         // The diagonal of the cube [-largest, largest]^3 is 3.5 times as long.
-        spacing = std::exp2(std::ceil(std::log2(std::max(largest, 0x1p-60F))) + 2.0F);
+        spacing = std::exp2(std::ceil(std::log2(largest)) + 2.0F);
+        for (std::size_t i = 0; i < points.size(); ++i) {
+            const Vec3f& p = positions[i];
+            points[i] = {p.x, p.y, p.z,
+                         groups.empty() ? 0.0F : static_cast<float>(groups[i]) * spacing};
+        }
     }
-    std::array<float, 4> point(std::size_t i) const {
-        const Vec3f& p = positions[i];
-        return {p.x, p.y, p.z, groups.empty() ? 0.0F : static_cast<float>(groups[i]) * spacing};
-    }
-    std::size_t kdtree_get_point_count() const { return positions.size(); }
-    float kdtree_get_pt(std::size_t i, std::size_t axis) const { return point(i)[axis]; }
+    std::size_t kdtree_get_point_count() const { return points.size(); }
+    float kdtree_get_pt(std::size_t i, std::size_t axis) const { return points[i][axis]; }
     template <typename Box> bool kdtree_get_bbox(Box&) const { return false; }
 };
 
@@ -60,7 +60,7 @@ void VertexKdTree::nearest(std::int32_t vertex, std::size_t count,
     vertices.resize(count);
     squared_distances.resize(count);
     const auto& points = tree_->points;
-    const auto query = points.point(static_cast<std::size_t>(vertex));
+    const auto& query = points.points[static_cast<std::size_t>(vertex)];
     const std::size_t found =
         tree_->index.knnSearch(query.data(), count, vertices.data(), squared_distances.data());
     out.clear();
@@ -76,7 +76,7 @@ void VertexKdTree::within(std::int32_t vertex, float squared_inner, float square
     thread_local std::vector<std::pair<std::uint32_t, float>> found;
     found.clear();
     const auto& points = tree_->points;
-    const auto query = points.point(static_cast<std::size_t>(vertex));
+    const auto& query = points.points[static_cast<std::size_t>(vertex)];
     nanoflann::SearchParams unsorted;
     unsorted.sorted = false;
     tree_->index.radiusSearch(

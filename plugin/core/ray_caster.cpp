@@ -62,7 +62,8 @@ struct RayCaster::Embree {
     RTCDevice device = new_device();
     RTCScene scene = rtcNewScene(device);
 
-    Embree() = default;
+    // Watertight: a ray through an edge meets one of the triangles that share it.
+    Embree() { rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST); }
     Embree(const Embree&) = delete;
     Embree& operator=(const Embree&) = delete;
     ~Embree() {

@@ -2,27 +2,77 @@
 VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= /usr/bin/python3
+PIP := $(BIN)/pip install -q --disable-pip-version-check
 APT_PACKAGES := g++ cmake ninja-build python3-venv python3-dev \
 	libembree-dev libnanoflann-dev libosd-dev libtbb-dev
 SUDO := $(if $(filter 0,$(shell id -u)),,sudo)
 
-COMPILED := CMakeLists.txt $(shell find plugin/core plugin/binding -name '*.cpp' -o -name '*.h') \
-	$(shell find schema/generated -type f) plugin/plugInfo.json
+COMPILED := CMakeLists.txt $(shell find plugin schema/generated -type f)
+CPP := $(shell find plugin -name '*.cpp' -o -name '*.h')
 
-.PHONY: setup build test lint format clean
+DEMO_PHOTONS := 4000000
+
+.PHONY: help setup build demo test lint format bench wheel clean
+
+help:
+	@echo "make demo    bake the office and show its progressive pictures"
+	@echo "make test    all tests"
+	@echo "make lint    formatters, linters and types"
+	@echo "make format  let the formatters rewrite the sources"
+	@echo "make bench   speed against error, ratios to the bare ray tracer"
+	@echo "make wheel   a wheel in dist/"
+	@echo "make clean   remove what these made"
 
 setup: $(VENV)/.packages
 
 $(VENV)/.packages: pyproject.toml
-	@dpkg -s $(APT_PACKAGES) >/dev/null 2>&1 || \
-		($(SUDO) apt-get update -q && \
-		 DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -q $(APT_PACKAGES))
+	@dpkg -s $(APT_PACKAGES) >/dev/null 2>&1 || { \
+		$(SUDO) apt-get update -q && \
+		$(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -q $(APT_PACKAGES); }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install -q --disable-pip-version-check "scikit-build-core>=0.10" "nanobind>=2.2"
+	$(PIP) "scikit-build-core>=0.10" "nanobind>=2.2"
 	@touch $@
 
 build: $(VENV)/.built
 
 $(VENV)/.built: $(VENV)/.packages $(COMPILED)
-	$(BIN)/pip install -q --disable-pip-version-check --no-build-isolation -e ".[test,lint]"
+	$(PIP) --no-build-isolation -e ".[test,lint]"
 	@touch $@
+
+demo: build
+	@mkdir -p demo
+	$(BIN)/python -m usd_scenes.office.generate demo/office.usdc
+	$(BIN)/isolux solve demo/office.usdc -o demo/office.isolux.usda --photons $(DEMO_PHOTONS)
+	$(BIN)/python tools/contact_sheet.py demo/office.isolux.usda demo/contact_sheet.png
+	$(BIN)/isolux render demo/office.isolux.usda -o demo/office.png --width 1280
+	@echo
+	@echo "demo/contact_sheet.png     the progressive stages side by side"
+	@echo "demo/office.png            the last one"
+	@echo "demo/office.isolux.usda    the results over the stage: open in usdview, scrub the timeline"
+	@echo "                           or: $(BIN)/isolux info demo/office.isolux.usda"
+
+test: build
+	$(BIN)/pytest
+
+lint: build
+	$(BIN)/ruff format --check
+	$(BIN)/ruff check
+	$(BIN)/mypy
+	$(BIN)/clang-format --dry-run --Werror $(CPP)
+	$(BIN)/python tools/generate_schema.py --check
+
+format: build
+	$(BIN)/ruff format
+	$(BIN)/ruff check --fix
+	$(BIN)/clang-format -i $(CPP)
+
+bench: build
+	$(PIP) -e ".[bench]" --no-build-isolation
+	$(BIN)/python tools/benchmark.py
+
+wheel: build
+	$(PIP) build
+	$(BIN)/python -m build --wheel --no-isolation
+
+clean:
+	rm -rf $(VENV) build dist demo

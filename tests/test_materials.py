@@ -64,7 +64,7 @@ def reflectance_of(text: str):
         (
             "color3f inputs:diffuseColor = (0.8, 0.4, 0.2)\nfloat inputs:metallic = 0.75",
             "UsdPreviewSurface",
-            (0.2, 0.1, 0.05),
+            (0.8, 0.4, 0.2),
         ),
         (
             "color3f inputs:diffuseColor = (0.8, 0.4, 0.2)\nfloat inputs:metallic = 1\n"
@@ -80,7 +80,7 @@ def reflectance_of(text: str):
         (
             "color3f inputs:base_color = (0.5, 0.6, 0.7)\nfloat inputs:base_metalness = 0.5",
             "ND_open_pbr_surface_surfaceshader",
-            (0.25, 0.3, 0.35),
+            (0.5, 0.6, 0.7),
         ),
         ("color3f inputs:diffuseColor.connect = </Paint.inputs:tint>", "UsdPreviewSurface", None),
     ],

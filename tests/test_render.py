@@ -8,7 +8,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
 
 from isolux.colour import exposure_value
 from isolux.errors import SceneError, SettingsError
-from isolux.image_io import check_picture_path, write_picture
+from isolux.image_io import check_picture, write_picture
 from isolux.render import render_picture
 
 GREY = (0.5, 0.5, 0.5)
@@ -261,7 +261,7 @@ def test_an_unknown_camera_is_answered_with_those_there_are(lit_square):
 @pytest.mark.parametrize("name", ["picture.jpg", "picture", "picture.png.gz"])
 def test_other_formats_are_refused(tmp_path, name):
     with pytest.raises(SettingsError, match=r"\.png or \.exr"):
-        check_picture_path(tmp_path / name)
+        check_picture(tmp_path / name, None)
 
 
 def test_an_exr_takes_no_exposure(lit_square, tmp_path):

@@ -17,10 +17,12 @@ from .render import Picture
 _REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
 
-def check_picture_path(path: Path) -> None:
-    """Raise SettingsError where `path` is no .png and no .exr: before the work, not after."""
+def check_picture(path: Path, exposure: float | None) -> None:
+    """Raise SettingsError where `write_picture` would: before the work, not after."""
     if path.suffix.lower() not in (".png", ".exr"):
         raise SettingsError(str(path), f"the suffix '{path.suffix}'", ".png or .exr")
+    if path.suffix.lower() == ".exr" and exposure is not None:
+        raise SettingsError(str(path), f"an exposure of {exposure:g} EV", "none: EXR keeps cd/m²")
 
 
 def write_picture(picture: Picture, path: Path, exposure: float | None = None) -> float | None:
@@ -31,11 +33,9 @@ def write_picture(picture: Picture, path: Path, exposure: float | None = None) -
     raises : SettingsError for another suffix, or an exposure for an EXR;
         SceneError where the file can't be written
     """
-    check_picture_path(path)
+    check_picture(path, exposure)
     if path.suffix.lower() == ".png":
         return write_png(picture, path, exposure)
-    if exposure is not None:
-        raise SettingsError(str(path), f"an exposure of {exposure:g} EV", "none: EXR keeps cd/m²")
     write_exr(picture, path)
     return None
 

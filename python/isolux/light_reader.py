@@ -16,7 +16,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from .errors import PhotometryError, SceneError
 from .light_shaping import Shaping, mirrored, scaled_vertically, shaped_diagram, turned
-from .photometry import inline_diagram, luminous_flux, read_photometric_bytes
+from .photometry import LARGEST_FILE, inline_diagram, luminous_flux, read_photometric_bytes
 from .reading_context import ReadingContext, read_asset, triple
 from .scene_description import GoniometricDiagram, LuminaireDescription, LuminaireShape
 from .solution import LUMINANCE_WEIGHTS
@@ -309,7 +309,7 @@ def _photometric_file(
     asset = context.value(prim, name, Sdf.AssetPath())
     if not asset.path:
         return None
-    contents = read_asset(asset)
+    contents = read_asset(asset, LARGEST_FILE + 1)
     if contents is None:
         raise PhotometryError(str(prim.GetPath()), f"no file {asset.path}", "an IES or LDT file")
     photometric = read_photometric_bytes(contents, f"{prim.GetPath()} ({asset.path})")

@@ -1,7 +1,7 @@
 """Diffuse reflectance of a mesh: from the bound material, else displayColor, else 0.18.
 
-A material's reflectance is its base colour × (1 − metallic): what metals reflect is specular, and
-the solver is diffuse. Textures are read as their mean colour; primvars given at vertices or
+A material's reflectance is its base colour, of metals as well: the solver is diffuse, and the light
+that a metal reflects stays in the scene. Textures are read as their mean colour; primvars given at vertices or
 corners as their mean over each face. Colours are linear Rec. 709.
 """
 
@@ -63,7 +63,7 @@ class ReadColour:
 
 @dataclass(frozen=True, slots=True)
 class ReadMaterial:
-    """path: of the shader; weight: base weight × (1 − metallic)."""
+    """path: of the shader; weight: of its base colour."""
 
     path: Sdf.Path
     base: ReadColour
@@ -185,9 +185,8 @@ class MaterialReader:
         if not self._scalar(shader, "useSpecularWorkflow", 0.0):
             metallic = self._scalar(shader, model.metallic, 0.0)
             if metallic > 0:
-                reason = f"metallic {metallic:.3g}: its specular reflection is not traced"
+                reason = f"metallic {metallic:.3g}: its specular reflection is taken as diffuse"
                 self._context.note(shader.GetPrim(), model.metallic, "approximated", reason)
-            weight *= 1.0 - metallic
         return ReadMaterial(shader.GetPath(), base, weight)
 
     def _note_fallback(self, prim: Usd.Prim, kind: str, reason: str) -> None:

@@ -71,11 +71,17 @@ class ReadingContext:
             prim = prim.GetParent()
 
 
-def read_asset(path: Sdf.AssetPath) -> bytes | None:
-    """The bytes behind a resolved asset path, out of a usdz package as well; None: not there."""
+def read_asset(path: Sdf.AssetPath, at_most: int | None = None) -> bytes | None:
+    """The bytes behind a resolved asset path, out of a usdz package as well; None: not there.
+
+    at_most : number of bytes to read; None: all
+    """
     resolved = path.resolvedPath
     asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(resolved)) if resolved else None
-    return bytes(asset.GetBuffer() or b"") if asset else None
+    if not asset:
+        return None
+    size = asset.GetSize() if at_most is None else min(at_most, asset.GetSize())
+    return bytes(asset.Read(size, 0)) if size else b""  # nothing to read is an error to USD
 
 
 def triple(value: Iterable[float]) -> str:

@@ -226,10 +226,12 @@ def solve(
     yields : one Solution a progressive stage
     raises : SceneError, SettingsError, PhotometryError, each naming prim or file
     """
-    scene = read_stage(stage, time_code)
-    if settings is None:
-        opened = stage if isinstance(stage, Usd.Stage) else Usd.Stage.Open(str(stage))
-        settings = settings_from_stage(opened)
+    with Usd.StageCacheContext(Usd.StageCache()):
+        scene = read_stage(stage, time_code)
+        if settings is None:
+            # The stage just read, out of the cache.
+            opened = stage if isinstance(stage, Usd.Stage) else Usd.Stage.Open(str(stage))
+            settings = settings_from_stage(opened)
     yield from ProgressiveSolver(scene, settings).stages()
 
 

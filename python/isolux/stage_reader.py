@@ -29,13 +29,15 @@ def read_stage(stage: Usd.Stage | str | Path, time_code: float | None = None) ->
     stage : an open stage, or the file of one
     time_code : at which attributes are read; None: the stage's startTimeCode where it has one,
         else the earliest sample of each attribute
-    Raises SceneError where the stage can't be opened or a reflectance is impossible, and
-    PhotometryError where a photometric file can't be used.
+    Raises SceneError where the stage can't be opened, holds the results of an earlier run (their
+    displayColor is no reflectance) or a reflectance is impossible, and PhotometryError where a
+    photometric file can't be used.
     """
     started = time.perf_counter()
     diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # keeps USD from writing to stderr
     try:
         opened = stage if isinstance(stage, Usd.Stage) else _open(str(stage))
+        _require_no_results(opened)
         if time_code is None and opened.HasAuthoredMetadata("startTimeCode"):
             time_code = opened.GetStartTimeCode()
         context = ReadingContext(opened, time_code)
@@ -73,6 +75,16 @@ def _open(name: str) -> Usd.Stage:
     except Tf.ErrorException as error:
         reason = " ".join(error.args[0].commentary.split()) if error.args else "no reason given"
         raise SceneError(name, f"no readable USD ({reason})", "a USD stage") from None
+
+
+def _require_no_results(stage: Usd.Stage) -> None:
+    for layer in stage.GetUsedLayers():
+        if "isolux" in layer.customLayerData:
+            raise SceneError(
+                stage.GetRootLayer().identifier,
+                f"results of an earlier run in {layer.identifier}",
+                "the stage alone",
+            )
 
 
 def _read_prims(

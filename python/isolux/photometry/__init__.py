@@ -13,6 +13,7 @@ from .ies import is_ies, parse_ies
 from .photometric_file import LuminousOpening, PhotometricFile
 
 __all__ = [
+    "LARGEST_FILE",
     "LuminousOpening",
     "PhotometricFile",
     "inline_diagram",
@@ -22,7 +23,7 @@ __all__ = [
     "scale",
 ]
 
-_LARGEST_FILE = 16 * 1024 * 1024  # bytes; the largest real ones have some hundred thousand
+LARGEST_FILE = 16 * 1024 * 1024  # bytes; the largest real ones have some hundred thousand
 _FLUX_DOUBT = 0.05  # relative difference of declared and integrated flux worth a warning
 
 
@@ -30,7 +31,7 @@ def read_photometric_file(path: str | Path) -> PhotometricFile:
     """Reads an IES LM-63 or EULUMDAT file; the content tells which. Raises PhotometryError."""
     try:
         with Path(path).open("rb") as file:
-            content = file.read(_LARGEST_FILE + 1)
+            content = file.read(LARGEST_FILE + 1)
     except OSError as error:
         raise PhotometryError(
             str(path), (error.strerror or str(error)).lower(), "a photometric file"
@@ -45,9 +46,9 @@ def read_photometric_bytes(content: bytes, name: str) -> PhotometricFile:
     name : file or asset, for messages; its extension decides where the content doesn't
     Raises PhotometryError.
     """
-    if len(content) > _LARGEST_FILE:
+    if len(content) > LARGEST_FILE:
         raise PhotometryError(
-            name, f"more than {_LARGEST_FILE} bytes", "a photometric file of at most that size"
+            name, f"more than {LARGEST_FILE} bytes", "a photometric file of at most that size"
         )
     lines = decode_lines(content)
     extension = Path(name.rstrip("])")).suffix.lower()

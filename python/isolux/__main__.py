@@ -1,0 +1,5 @@
+"""`python -m isolux`, for hosts that have the package and no `isolux` command on their path."""
+
+from .cli import main
+
+main()

@@ -1,0 +1,236 @@
+"""The command `isolux solve`: one run from a stage to its results layer, with progress."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from signal import Signals
+from typing import Any
+
+from pxr import Usd
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn
+
+from . import __version__
+from .errors import IsoluxError, SceneError, SettingsError
+from .interrupt import StopRequest, stop_on_signal
+from .report import PhaseSeconds, write_report
+from .results import ResultsWriter
+from .scene_description import SceneDescription
+from .settings import SolverSettings, settings_from_stage
+from .solution import ProgressiveStage
+from .solver import ProgressiveSolver, SolveProgress, require_light_and_surface
+from .stage_reader import read_stage
+from .tables import findings_summary, new_console, percent, scene_summary, stage_table
+
+
+def solve_stage(
+    source: Path,
+    output: Path,
+    options: dict[str, Any],
+    time_code: float | None,
+    report: Path | None,
+) -> Signals | None:
+    """Solve the stage at `source` and write each progressive stage to `output`.
+
+    options : fields of SolverSettings that override the stage's own
+    report : JSON file to write at the end
+    returns : the signal that ended the run early, after the stage in progress was written
+    raises : IsoluxError; KeyboardInterrupt at a second signal
+    """
+    messages = new_console(stderr=True)
+    override_settings(SolverSettings(), options)  # a wrong option fails before the stage is read
+    _require_suffix(output, (".usda", ".usd", ".usdc"))
+    require_place(output)
+    if report is not None:
+        _require_suffix(report, (".json",))
+        require_place(report)
+
+    started = time.perf_counter()
+    stage, scene, own_settings = read_source(source, time_code)
+    settings = override_settings(own_settings, options)
+    read_seconds = time.perf_counter() - started
+    messages.print(f"{source}: {scene_summary(scene)}", soft_wrap=True)
+    _print_findings(messages, scene, source)
+    require_light_and_surface(scene, str(source))
+
+    provenance = _provenance(settings)
+    writer = ResultsWriter(stage, output, scene, provenance)
+    solver = ProgressiveSolver(scene, settings)
+    with stop_on_signal() as stop:
+        stages, write_seconds = _solve_and_write(solver, writer, output, stop, messages)
+        late_findings = solver.findings()
+        if late_findings:
+            messages.print(findings_summary(late_findings))
+        seconds = PhaseSeconds(
+            read=read_seconds,
+            build=solver.build_seconds,
+            solve=stages[-1].elapsed if stages else 0.0,
+            write=write_seconds,
+        )
+        if report is not None:
+            scene = replace(scene, findings=scene.findings + late_findings)
+            write_report(report, scene, stages, provenance, seconds)
+    _print_outcome(new_console(), output, stages, seconds, report)
+    if stop.signal is not None:
+        messages.print(f"interrupted: {_kept(stages, output)}", soft_wrap=True)
+    return stop.signal
+
+
+def read_source(
+    source: Path, time_code: float | None
+) -> tuple[Usd.Stage, SceneDescription, SolverSettings]:
+    """Open and read a stage.
+
+    raises : SceneError, PhotometryError, SettingsError
+    """
+    with Usd.StageCacheContext(Usd.StageCache()):
+        scene = read_stage(source, time_code)
+        stage = Usd.Stage.Open(str(source))  # the one just read, out of the cache
+    return stage, scene, settings_from_stage(stage)
+
+
+def override_settings(settings: SolverSettings, options: dict[str, Any]) -> SolverSettings:
+    """The settings with the given options; those that are None change nothing.
+
+    raises : SettingsError for more than one stopping criterion, or a value out of its range
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    budget = {
+        name: given.pop(name)
+        for name in ("photons", "time_budget", "target_error")
+        if name in given
+    }
+    if len(budget) > 1:
+        names = " and ".join("--" + name.replace("_", "-") for name in budget)
+        raise SettingsError(names, "more than one stopping criterion", "one of them")
+    return replace(settings.with_budget(**budget), **given)
+
+
+def require_place(path: Path) -> None:
+    """Raise SceneError where a file can't be written: before the work, not after."""
+    if path.is_dir():
+        raise SceneError(str(path), "a folder", "a file to write")
+    if not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
+        raise SceneError(str(path), f"no writable folder {path.parent}", "a file to write")
+
+
+def _require_suffix(path: Path, suffixes: Sequence[str]) -> None:
+    if path.suffix not in suffixes:
+        raise SettingsError(str(path), f"the suffix '{path.suffix}'", " or ".join(suffixes))
+
+
+def _provenance(settings: SolverSettings) -> dict[str, Any]:
+    return {
+        "version": __version__,
+        "seed": settings.seed,
+        "threads": settings.threads or len(os.sched_getaffinity(0)),
+        "settings": asdict(settings),
+    }
+
+
+def _solve_and_write(
+    solver: ProgressiveSolver,
+    writer: ResultsWriter,
+    output: Path,
+    stop: StopRequest,
+    messages: Console,
+) -> tuple[list[ProgressiveStage], float]:
+    """The stages that were written, and the seconds of writing them."""
+    stages: list[ProgressiveStage] = []
+    write_seconds = 0.0
+    try:
+        with _StageDisplay(messages, solver.settings, stop) as display:
+            for solution in solver.stages(display.update, lambda: stop.signal is not None):
+                if solution.stage.photons == 0:  # stopped before it began
+                    break
+                started = time.perf_counter()
+                writer.write(solution)
+                write_seconds += time.perf_counter() - started
+                stages.append(solution.stage)
+                display.complete(solution.stage)
+    except (IsoluxError, KeyboardInterrupt):
+        messages.print(f"stopped: {_kept(stages, output)}", soft_wrap=True)
+        raise
+    return stages, write_seconds
+
+
+class _StageDisplay:
+    """A live line on a terminal; elsewhere a line a stage."""
+
+    def __init__(self, console: Console, settings: SolverSettings, stop: StopRequest) -> None:
+        self._console = console
+        self._stop = stop
+        bounded = settings.photons > 0 or settings.time_budget > 0
+        self._of_stages = f"/{settings.stages}" if bounded else ""
+        self._live: Progress | None = None
+        self._task = TaskID(0)
+
+    def __enter__(self) -> _StageDisplay:
+        if self._console.is_terminal:
+            text = TextColumn("{task.description}")
+            self._live = Progress(BarColumn(), text, console=self._console, transient=True)
+            self._task = self._live.add_task("tracing the first photons", total=1.0)
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live:
+            self._live.stop()
+
+    def update(self, progress: SolveProgress) -> None:
+        """Show how far the run has come."""
+        if not self._live:
+            return
+        parts = [f"stage {progress.stage}{self._of_stages}", f"{progress.photons:,} photons"]
+        if progress.rms_error is not None:
+            parts.append(f"RMS error {percent(progress.rms_error)}")
+        if self._stop.signal is not None:
+            parts.append("finishing this stage")
+        elif progress.time_left is not None:
+            parts.append(f"{progress.time_left:.0f} s left")
+        description = " · ".join(parts)
+        self._live.update(self._task, completed=progress.fraction, description=description)
+
+    def complete(self, stage: ProgressiveStage) -> None:
+        """Say that a stage is written."""
+        if not self._live:
+            self._console.print(
+                f"stage {stage.index}{self._of_stages}: {stage.photons:,} photons, "
+                f"RMS error {percent(stage.rms_error)}, {stage.elapsed:.2f} s",
+                soft_wrap=True,
+            )
+
+
+def _print_findings(console: Console, scene: SceneDescription, source: Path) -> None:
+    if scene.findings:
+        console.print(findings_summary(scene.findings))
+        console.print(f"reasons: isolux check {shlex.quote(str(source))}", soft_wrap=True)
+
+
+def _print_outcome(
+    console: Console,
+    output: Path,
+    stages: Sequence[ProgressiveStage],
+    seconds: PhaseSeconds,
+    report: Path | None,
+) -> None:
+    if stages:
+        console.print(stage_table(stages))
+        times = ", ".join(f"{phase} {taken:.2f} s" for phase, taken in asdict(seconds).items())
+        console.print(times, soft_wrap=True)
+        console.print(f"results: {output}", soft_wrap=True)
+    if report is not None:
+        console.print(f"report: {report}", soft_wrap=True)
+    if stages:
+        console.print(f"next: isolux render {shlex.quote(str(output))}", soft_wrap=True)
+
+
+def _kept(stages: Sequence[ProgressiveStage], output: Path) -> str:
+    if not stages:
+        return "before the first stage; nothing written"
+    return f"{len(stages)} {'stage' if len(stages) == 1 else 'stages'} kept in {output}"

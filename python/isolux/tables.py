@@ -1,0 +1,147 @@
+"""What the command line shows of scenes, findings and progressive stages, as rich tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from .output_fields import OUTPUT_FIELDS
+from .scene_description import Finding, FindingAction, LuminaireDescription, SceneDescription
+from .solution import ProgressiveStage
+
+# Prim paths that a summary of findings shows of each kind.
+_SHOWN_PATHS = 3
+# Columns where no terminal tells: tables are as wide as their text, so that lines can be searched.
+_WIDTH_OF_A_FILE = 1000
+_ACTIONS: tuple[FindingAction, ...] = ("skipped", "approximated", "repaired", "noted")
+
+
+def new_console(*, stderr: bool = False) -> Console:
+    """A console that prints names as they are: nothing in them is markup."""
+    console = Console(stderr=stderr, markup=False, highlight=False, emoji=False)
+    if not console.is_terminal:
+        console.width = _WIDTH_OF_A_FILE
+    return console
+
+
+def percent(ratio: float) -> str:
+    """A relative error for reading; "–" where there is no light, or not enough to tell."""
+    if ratio == 0 or not math.isfinite(ratio):
+        return "–"
+    return f"{ratio:.2%}" if ratio < 1 else f"{ratio:.0%}"
+
+
+def scene_summary(scene: SceneDescription) -> str:
+    """What was read, in a line."""
+    parts = (
+        (len(scene.meshes), "mesh", "meshes"),
+        (sum(len(mesh.face_vertex_counts) for mesh in scene.meshes), "face", "faces"),
+        (sum(len(mesh.points) for mesh in scene.meshes), "point", "points"),
+        (len(scene.luminaires), "luminaire", "luminaires"),
+    )
+    counts = [f"{count:,} {one if count == 1 else more}" for count, one, more in parts]
+    return ", ".join([*counts, f"{_lumens(scene.luminous_flux)} lm"])
+
+
+def findings_summary(findings: Iterable[Finding]) -> Table:
+    """A row for each action and kind: how many, and the first of the prims."""
+    groups: dict[tuple[FindingAction, str], list[str]] = {}
+    for finding in findings:
+        groups.setdefault((finding.action, finding.kind), []).append(finding.path)
+    table = _table("action", "kind", "#prims", "first of them")
+    for (action, kind), paths in sorted(groups.items(), key=lambda row: _rank(*row[0])):
+        more = ", …" if len(paths) > _SHOWN_PATHS else ""
+        table.add_row(action, kind, str(len(paths)), ", ".join(paths[:_SHOWN_PATHS]) + more)
+    return table
+
+
+def findings_table(findings: Iterable[Finding]) -> Table:
+    """Every finding with its reason."""
+    table = _table("prim", "action", "kind", "reason")
+    for finding in sorted(findings, key=lambda finding: _rank(finding.action, finding.kind)):
+        table.add_row(finding.path, finding.action, finding.kind, finding.reason)
+    return table
+
+
+def luminaire_table(luminaires: Sequence[LuminaireDescription]) -> Table:
+    """Shape, luminous flux and directions of each luminaire."""
+    table = _table("luminaire", "shape", "#size m", "#lm", "directions")
+    for luminaire in luminaires:
+        diagram = luminaire.diagram
+        directions = (
+            "constant luminance"
+            if diagram is None
+            else f"diagram of {len(diagram.gamma)} γ × {len(diagram.c_angles)} C"
+        )
+        size = " × ".join(f"{length:.3g}" for length in luminaire.size if length > 0) or "0"
+        table.add_row(
+            luminaire.path, luminaire.shape, size, _lumens(luminaire.luminous_flux), directions
+        )
+    return table
+
+
+def stage_table(stages: Iterable[ProgressiveStage]) -> Table:
+    """What each progressive stage cost and how far off it is."""
+    table = _table(
+        "#stage", "component", "#photons", "#rays", "#seconds", "#RMS error", "#indirect"
+    )
+    for stage in stages:
+        table.add_row(
+            str(stage.index),
+            stage.component,
+            f"{stage.photons:,}",
+            f"{stage.rays:,}",
+            f"{stage.elapsed:.2f}",
+            percent(stage.rms_error),
+            percent(stage.rms_error_indirect),
+        )
+    return table
+
+
+def field_table() -> Table:
+    """The primvars that a solution is written as."""
+    table = _table("primvar", "unit", "meaning")
+    for field in OUTPUT_FIELDS:
+        table.add_row(field.name, field.unit, field.meaning)
+    return table
+
+
+def provenance_table(provenance: Mapping[str, Any]) -> Table:
+    """What a run can be replayed from, a row a value."""
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for key, value in _flat(provenance):
+        table.add_row(key, value)
+    return table
+
+
+def _lumens(luminous_flux: float) -> str:
+    return f"{luminous_flux:,.0f}" if luminous_flux >= 1000 else f"{luminous_flux:.4g}"
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        elif isinstance(value, list):
+            yield f"{prefix}{key}", ", ".join(str(item) for item in value)
+        else:
+            yield f"{prefix}{key}", str(value)
+
+
+def _rank(action: FindingAction, kind: str) -> tuple[int, str]:
+    """Light or surfaces lost come first."""
+    return _ACTIONS.index(action), kind
+
+
+def _table(*columns: str) -> Table:
+    """Columns of numbers, flushed right, are marked by "#"."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
+    for column in columns:
+        number = column.startswith("#")
+        table.add_column(column.lstrip("#"), justify="right" if number else "left", overflow="fold")
+    return table

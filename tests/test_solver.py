@@ -1,0 +1,87 @@
+"""Progressive solving from Python: when stages are due, when a run ends, what a solution holds."""
+
+import math
+
+import numpy as np
+import pytest
+
+import isolux
+from isolux.schedule import stage_goals
+from small_room import write_room
+
+FLOOR_CORNERS, WALL_CORNERS = 4, 20
+
+
+@pytest.fixture
+def scene(tmp_path):
+    return isolux.read_stage(write_room(tmp_path / "room.usda"))
+
+
+@pytest.mark.parametrize(
+    ("photons", "stages", "counts"),
+    [
+        (80_000, 4, [10_000, 20_000, 40_000, 80_000]),
+        (1000, 1, [1000]),
+        (1001, 2, [501, 1001]),
+        (3, 8, [1, 2, 3]),
+    ],
+)
+def test_photons_double_from_stage_to_stage(scene, photons, stages, counts):
+    settings = isolux.SolverSettings(target_error=0.0, photons=photons, stages=stages)
+    solver = isolux.ProgressiveSolver(scene, settings)
+    assert [solution.stage.photons for solution in solver.stages()] == counts
+
+
+def test_seconds_double_from_stage_to_stage():
+    settings = isolux.SolverSettings(target_error=0.0, time_budget=8.0, stages=4)
+    goals = list(stage_goals(settings))
+    assert [(goal.photons, goal.seconds) for goal in goals] == [
+        (math.inf, seconds) for seconds in (1.0, 2.0, 4.0, 8.0)
+    ]
+
+
+def test_a_target_error_is_met_at_the_last_stage_and_not_before(scene):
+    settings = isolux.SolverSettings(target_error=0.01)
+    stages = [s.stage for s in isolux.ProgressiveSolver(scene, settings).stages()]
+    assert len(stages) >= settings.stages
+    assert stages[-1].rms_error <= 0.01
+    assert all(stage.rms_error > 0.01 for stage in stages[settings.stages - 1 : -1])
+
+
+def test_cancelling_keeps_the_photons_traced_so_far(scene):
+    settings = isolux.SolverSettings(target_error=0.0, photons=10**12, stages=1)
+    progress = []
+    solver = isolux.ProgressiveSolver(scene, settings)
+    (solution,) = solver.stages(progress.append, lambda: len(progress) == 3)
+    assert solution.stage.photons == progress[-1].photons < 10**12
+    assert solution.illuminance("/World/Floor").min() > 0
+
+
+def test_progress_grows_to_the_whole(scene):
+    settings = isolux.SolverSettings(target_error=0.0, photons=50_000)
+    progress = []
+    for _ in isolux.ProgressiveSolver(scene, settings).stages(progress.append):
+        pass
+    fractions = [p.fraction for p in progress]
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1.0
+    assert progress[-1].time_left == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_solution_gives_illuminance_at_the_corners_of_a_mesh(tmp_path):
+    settings = isolux.SolverSettings(target_error=0.0, photons=20_000)
+    solutions = list(isolux.solve(write_room(tmp_path / "room.usda"), settings))
+    assert [s.stage.index for s in solutions] == list(range(1, 9))
+    for path, corners in (("/World/Floor", FLOOR_CORNERS), ("/World/Walls", WALL_CORNERS)):
+        illuminance = solutions[-1].illuminance(path)
+        assert (illuminance.shape, illuminance.dtype) == ((corners, 3), np.float32)
+        assert np.isfinite(illuminance).all()
+    with pytest.raises(isolux.SceneError, match=r"/World/Roof.*/World/Floor"):
+        solutions[-1].illuminance("/World/Roof")
+
+
+def test_settings_of_the_stage_hold_unless_others_are_given(tmp_path):
+    room = write_room(tmp_path / "room.usda", "int64 isolux:photons = 500\n int isolux:stages = 2")
+    assert [s.stage.photons for s in isolux.solve(room)] == [250, 500]
+    given = isolux.SolverSettings(target_error=0.0, photons=90, stages=1)
+    assert [s.stage.photons for s in isolux.solve(room, given)] == [90]

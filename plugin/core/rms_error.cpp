@@ -7,10 +7,11 @@ namespace isolux {
 namespace {
 
 struct Sums {
-    double area = 0.0, flux = 0.0, square = 0.0; // m², lm, m²·lx²
+    double area = 0.0, flux = 0.0;    // m², lm
+    double square = 0.0, noise = 0.0; // m²·lx²: squared error, and the least that it can be
 
     double relative() const {
-        return flux > 0.0 ? std::sqrt(std::max(0.0, square / area)) / (flux / area) : 0.0;
+        return flux > 0.0 ? std::sqrt(std::max(noise, square) / area) / (flux / area) : 0.0;
     }
 };
 
@@ -31,6 +32,7 @@ double batch_variance(const std::array<std::uint32_t, kBatches>& a,
 struct FilteredSquares {
     double filtered;   // f
     double with_truth; // of f * I, I the true illuminance
+    double noise;      // of the variance of f
 };
 
 // f is the mean of two halves, each from the photons of one half over a support that the other
@@ -38,7 +40,7 @@ struct FilteredSquares {
 FilteredSquares filtered_squares(const std::array<FilteredIllumination::Half, 2>& halves,
                                  const std::array<std::uint64_t, 2>& half_counts, double e,
                                  double photon_flux) {
-    FilteredSquares out{0.0, 0.0};
+    FilteredSquares out{0.0, 0.0, 0.0};
     for (const std::size_t half : {0U, 1U}) {
         const auto& [illuminance, support_area] = halves[half];
         const double f = static_cast<double>(illuminance);
@@ -46,6 +48,7 @@ FilteredSquares filtered_squares(const std::array<FilteredIllumination::Half, 2>
         const double share = support_area > 0.0 ? 2.0 * photon_flux / support_area : 0.0;
         out.filtered += 0.5 * f;
         out.with_truth += 0.5 * own_hits * (f - share);
+        out.noise += 0.25 * f * share;
     }
     return out;
 }
@@ -68,17 +71,19 @@ RmsErrors rms_errors(const IlluminationMesh& mesh, const PhotonBuckets& buckets,
         const double hits_indirect =
             static_cast<double>(indirect_halves[0] + indirect_halves[1]) * e;
         const double hits = hits_direct + hits_indirect;
-        const auto add = [&](Sums& sums, double illuminance, double squared_error) {
+        const auto add = [&](Sums& sums, double illuminance, double squared_error, double noise) {
             sums.area += area;
             sums.flux += area * illuminance;
             sums.square += area * squared_error;
+            sums.noise += area * noise;
         };
-        add(bucket_total, hits, hits * e);
-        add(bucket_indirect, hits_indirect, hits_indirect * e);
+        add(bucket_total, hits, hits * e, 0.0);
+        add(bucket_indirect, hits_indirect, hits_indirect * e, 0.0);
         add(batch, hits,
             batch_variance(buckets.batch_hit_counts(vertex, LightPath::direct),
                            buckets.batch_hit_counts(vertex, LightPath::indirect)) *
-                e * e);
+                e * e,
+            0.0);
 
         // (f - I)² = f² - 2 f I + I². Direct and indirect counts are independent.
         const auto d = filtered_squares(direct.halves[v], direct_halves, e, photon_flux);
@@ -86,9 +91,10 @@ RmsErrors rms_errors(const IlluminationMesh& mesh, const PhotonBuckets& buckets,
         const double f = d.filtered + i.filtered;
         const double with_truth =
             d.with_truth + i.with_truth + d.filtered * hits_indirect + i.filtered * hits_direct;
-        add(filtered_total, hits, f * f - 2.0 * with_truth + hits * (hits - e));
+        add(filtered_total, hits, f * f - 2.0 * with_truth + hits * (hits - e), d.noise + i.noise);
         add(filtered_indirect, hits_indirect,
-            i.filtered * i.filtered - 2.0 * i.with_truth + hits_indirect * (hits_indirect - e));
+            i.filtered * i.filtered - 2.0 * i.with_truth + hits_indirect * (hits_indirect - e),
+            i.noise);
     }
     return {bucket_total.relative(), bucket_indirect.relative(), batch.relative(),
             filtered_total.relative(), filtered_indirect.relative()};

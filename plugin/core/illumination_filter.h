@@ -23,7 +23,7 @@ struct FilterSettings {
 struct FilteredIllumination {
     // The estimate from the photons of one half over the support that the other half chose.
     // Departure: where the same photons choose a support and are counted in it, stopping at enough
-    // photons prefers places with a surplus: the mean came out 2 % high where supports were small
+    // photons prefers places with a surplus: the mean of a closed sphere came out 0.7 % high
     // (tests/physics/test_filter_bias.py).
     struct Half {
         float illuminance;   // lx, photometric

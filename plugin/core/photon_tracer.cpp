@@ -1,6 +1,7 @@
 #include "core/photon_tracer.h"
 
 #include <array>
+#include <cmath>
 
 #include <tbb/blocked_range.h>
 #include <tbb/enumerable_thread_specific.h>
@@ -73,7 +74,10 @@ class PhotonWalk {
         const RayCaster& caster = scene_.ray_caster();
         const Vec3f direction = emission.direction.as<float>();
         const Vec3f origin = (emission.origin - caster.origin()).as<float>();
-        photon.ray = {origin + direction * caster.offset(origin, 0.0F), direction};
+        // Off the luminaire's plane, too: grazing light clears a ceiling that it is flush with.
+        const Vec3f plane = luminaire.z.as<float>();
+        const Vec3f away = direction + plane * std::copysign(1.0F, dot(direction, plane));
+        photon.ray = {origin + away * caster.offset(origin, 0.0F), direction};
         photon.colour = luminaire.colour;
         ++ends_.emitted;
         return photon;

@@ -8,10 +8,10 @@ namespace {
 
 struct Sums {
     double area = 0.0, flux = 0.0;    // m², lm
-    double square = 0.0, noise = 0.0; // m²·lx²: squared error, and the least that it can be
+    double square = 0.0, noise = 0.0; // m²·lx²: squared error, and the part of it that is noise
 
     double relative() const {
-        return flux > 0.0 ? std::sqrt(std::max(noise, square) / area) / (flux / area) : 0.0;
+        return flux > 0.0 ? std::sqrt(std::max(0.5 * noise, square) / area) / (flux / area) : 0.0;
     }
 };
 

@@ -15,8 +15,8 @@ struct RmsErrors {
     // Departure: of the filtered illuminance, noise and bias together, where the paper knows the
     // buckets' noise only. For Poisson counts E[lambda g(n)] = E[n g(n - 1)] [Hudson 1978], so that
     // the counts themselves tell the squared error of any mean over buckets without the truth
-    // (tests/physics/test_reported_error.py). Never below the noise alone, so that chance can't
-    // report no error where counts are few.
+    // (tests/physics/test_reported_error.py). Never below half of the noise's variance, so that
+    // chance can't report no error where counts are few.
     double filtered_total = 0.0, filtered_indirect = 0.0;
 };
 

@@ -30,7 +30,8 @@ bool SupportSelection::accepts(std::int32_t vertex, const Neighbour& candidate) 
     const std::int32_t other = candidate.vertex;
     const Vec3f& normal = mesh.normals[vertex];
     if (dot(normal, mesh.normals[other]) < kNormalCosine) {
-        return other == vertex;
+        // Without a normal, where all faces around have no area, any light nearby will do.
+        return other == vertex || dot(normal, normal) == 0.0F;
     }
     if (mesh.components[vertex] == mesh.components[other]) {
         return true;
@@ -44,23 +45,29 @@ bool SupportSelection::next_shell(std::int32_t vertex, Reach reach, Shell& shell
     const VertexKdTree& tree = connected ? filter_.connected_tree_ : filter_.tree_;
     const std::size_t all = connected ? static_cast<std::size_t>(filter_.component_sizes_[vertex])
                                       : filter_.positions_.size();
-    if (shell.seen >= std::min(all, connected ? kMaxConnected : kMaxOthers)) {
+    const std::size_t enough = std::min(all, connected ? kMaxConnected : kMaxOthers);
+    if (shell.seen >= enough || !std::isfinite(shell.squared_outer)) {
         return false;
     }
-    if (shell.squared_outer == 0.0F) {
-        tree.nearest(vertex, kFirstCandidates, candidates_);
-        // The last one may tie with others that were not returned: it waits for the next shell.
-        shell.squared_outer =
-            candidates_.size() < kFirstCandidates
-                ? std::numeric_limits<float>::infinity()
-                : std::max(candidates_.back().squared_distance, filter_.least_squared_radius_);
-        std::erase_if(candidates_, [&](const Neighbour& candidate) {
-            return candidate.squared_distance >= shell.squared_outer;
-        });
-    } else {
+    if (shell.squared_outer > 0.0F) {
         const float squared_inner = shell.squared_outer;
         shell.squared_outer *= kSquaredRadiusStep;
         tree.within(vertex, squared_inner, shell.squared_outer, candidates_);
+    } else {
+        tree.nearest(vertex, kFirstCandidates, candidates_);
+        if (candidates_.size() < kFirstCandidates) {
+            shell.squared_outer = std::numeric_limits<float>::infinity();
+        } else if (candidates_.back().squared_distance < filter_.least_squared_radius_) {
+            // More vertices in one place than were asked for.
+            shell.squared_outer = filter_.least_squared_radius_;
+            tree.within(vertex, 0.0F, shell.squared_outer, candidates_);
+        } else {
+            // The last one may tie with others that were not returned: it waits for the next shell.
+            shell.squared_outer = candidates_.back().squared_distance;
+            std::erase_if(candidates_, [&](const Neighbour& candidate) {
+                return candidate.squared_distance >= shell.squared_outer;
+            });
+        }
     }
     shell.seen += candidates_.size();
     return true;
@@ -89,7 +96,8 @@ void SupportSelection::judge(double to_luminance, Growth& growth) const {
     growth.judged = growth.taken;
     growth.next_area = growth.taken.area * kAreaStep;
     const bool smooth = hit_count * criteria_.accuracy * criteria_.accuracy >= 1.0; // Eq. 5
-    const bool dark = here.high * to_luminance < criteria_.dark_luminance;
+    // A black surface looks dark in any light; its illuminance is wanted all the same.
+    const bool dark = to_luminance > 0.0 && here.high * to_luminance < criteria_.dark_luminance;
     growth.stopped = smooth || dark;
 }
 

@@ -14,8 +14,12 @@ double cross(const Vec2d& o, const Vec2d& a, const Vec2d& b) {
     return (a.x - o.x) * (b.y - o.y) - (a.y - o.y) * (b.x - o.x);
 }
 
+bool same(const Vec2d& p, const Vec2d& q) { return p.x == q.x && p.y == q.y; }
+
+// Corners of the triangle are not in it: a face may touch itself there.
 bool inside(const Vec2d& p, const Vec2d& a, const Vec2d& b, const Vec2d& c) {
-    return cross(a, b, p) >= 0.0 && cross(b, c, p) >= 0.0 && cross(c, a, p) >= 0.0;
+    return cross(a, b, p) >= 0.0 && cross(b, c, p) >= 0.0 && cross(c, a, p) >= 0.0 && !same(p, a) &&
+           !same(p, b) && !same(p, c);
 }
 
 // The face seen along its normal's largest component, counter-clockwise.
@@ -54,19 +58,19 @@ template <typename Emit> void clip_ears(const std::vector<Vec2d>& polygon, const
     std::size_t at = 0, without_ear = 0;
     while (ring.size() > 3) {
         const std::size_t n = ring.size();
-        const std::int32_t before = ring[(at + n - 1) % n], tip = ring[at % n],
+        const std::int32_t before = ring[(at + n - 1) % n], tip = ring[at],
                            after = ring[(at + 1) % n];
         const Vec2d &a = polygon[before], &b = polygon[tip], &c = polygon[after];
         const bool ear =
-            cross(a, b, c) > 0.0 && std::ranges::none_of(ring, [&](std::int32_t i) {
-                return i != before && i != tip && i != after && inside(polygon[i], a, b, c);
-            });
+            same(a, c) || (cross(a, b, c) > 0.0 && std::ranges::none_of(ring, [&](std::int32_t i) {
+                               return inside(polygon[i], a, b, c);
+                           }));
         // A face that crosses itself has no ear left at some point: cut the corner all the same.
         if (ear || without_ear == n) {
             emit(before, tip, after);
-            ring.erase(ring.begin() + static_cast<std::ptrdiff_t>(at % n));
+            ring.erase(ring.begin() + static_cast<std::ptrdiff_t>(at));
             without_ear = 0;
-            at = (at % n == 0) ? 0 : at % n - 1;
+            at = (at + n - 2) % (n - 1); // the corner before: it may be an ear now
         } else {
             ++without_ear;
             at = (at + 1) % n;

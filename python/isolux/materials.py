@@ -1,8 +1,8 @@
 """Diffuse reflectance of a mesh: from the bound material, else displayColor, else 0.18.
 
-A material's reflectance is its base colour, of metals as well: the solver is diffuse, and the light
-that a metal reflects stays in the scene. Textures are read as their mean colour; primvars given at vertices or
-corners as their mean over each face. Colours are linear Rec. 709.
+A material's reflectance is its base colour, of metals as well: the solver is diffuse, and the
+light that a metal reflects stays in the scene. Textures are read as their mean colour; primvars
+given at vertices or corners as their mean over each face. Colours are linear Rec. 709.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ format: build
 	$(BIN)/clang-format -i $(CPP)
 
 bench: build
-	$(PIP) -e ".[bench]" --no-build-isolation
+	CMAKE_ARGS=-DISOLUX_BENCHMARK=ON $(PIP) --no-build-isolation -e ".[bench]"
 	$(BIN)/python tools/benchmark.py
 
 wheel: build

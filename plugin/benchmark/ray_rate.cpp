@@ -1,5 +1,5 @@
-// What Embree alone can do: closest hits of incoherent rays on a scene's own tree. Photon tracing is
-// measured against it. Not part of the product: built with -DISOLUX_BENCHMARK=ON.
+// What Embree alone can do: closest hits of incoherent rays on a scene's own tree. Photon tracing
+// is measured against it. Not part of the product: built with -DISOLUX_BENCHMARK=ON.
 #include <algorithm>
 #include <atomic>
 #include <vector>
@@ -33,8 +33,7 @@ class IncoherentRays {
         }
         for (std::size_t i = 0; i < count; ++i) {
             PhotonRandom random(seed, i);
-            const auto at =
-                std::ranges::upper_bound(cumulative_area, random.next_double() * area);
+            const auto at = std::ranges::upper_bound(cumulative_area, random.next_double() * area);
             const auto last = std::prev(cumulative_area.end());
             const std::size_t e = std::min(at, last) - cumulative_area.begin();
             rays_[i] = reflected_ray(mesh, mesh.elements[e], random);
@@ -94,7 +93,6 @@ NB_MODULE(_ray_rate, module) {
                                "Diffuse rays from random surface points of a scene, in memory.")
         .def(nb::init<const Scene&, std::size_t, std::uint64_t>(), "scene"_a, "count"_a, "seed"_a,
              nb::keep_alive<1, 2>())
-        .def("shoot", &IncoherentRays::shoot, "threads"_a,
-             nb::call_guard<nb::gil_scoped_release>(),
+        .def("shoot", &IncoherentRays::shoot, "threads"_a, nb::call_guard<nb::gil_scoped_release>(),
              "Finds every ray's closest hit; returns how many there are.");
 }

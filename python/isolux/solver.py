@@ -71,7 +71,7 @@ class ProgressiveSolver:
         self.settings = settings
         self._clock = clock
         self._threads = settings.threads or -1  # all
-        self._core_scene = _build_core_scene(scene, settings, self._threads)
+        self._core_scene = build_core_scene(scene, settings, self._threads)
         self._layouts = _mesh_layouts(scene, self._core_scene)
         self._areas: NDArray[np.float64] = self._core_scene.vertex_areas
         self._buckets = _core.PhotonBuckets(self._core_scene)
@@ -92,11 +92,15 @@ class ProgressiveSolver:
         cancelled : once true, the photons traced so far make the last stage
         """
         error: float | None = None
+        index = 0
         for goal in stage_goals(self.settings):
-            if self._photons > 0 and self._elapsed >= goal.seconds and not goal.last:
-                continue  # filtering took longer than the time to this stage
+            # A stage that filtering would take most of the time to is left out.
+            time_to_goal = goal.seconds - self._elapsed
+            if self._photons > 0 and not goal.last and time_to_goal < 1.5 * self._filter_seconds:
+                continue
             self._trace_until(goal, error, on_progress, cancelled)
-            solution = self._solution(goal.index)
+            index += 1
+            solution = self._solution(index)
             error = solution.stage.rms_error
             yield solution
             # An inactive target of 0 is not met by an error of 0, such as that of a dark stage.
@@ -254,9 +258,10 @@ def require_light_and_surface(scene: SceneDescription, subject: str = "stage") -
         )
 
 
-def _build_core_scene(
+def build_core_scene(
     scene: SceneDescription, settings: SolverSettings, threads: int
 ) -> _core.Scene:
+    """The compiled scene: meshes tessellated, the ray tracing tree built by so many threads."""
     builder = _core.SceneBuilder(math.radians(settings.crease_angle))
     for mesh in scene.meshes:
         builder.add_mesh(

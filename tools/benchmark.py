@@ -1,0 +1,411 @@
+"""Measures speed and error of the solver on the demo's office at two densities: `make bench`.
+
+    python tools/benchmark.py [--quick] [--only rates,run,filter,curve] [--threads N]
+
+rates   photon surface events against Embree's bare closest hits of diffuse rays on the same tree,
+        slice by slice in turns, and the filter's time after one second of photon tracing
+run     phases of a run, time to the first results on disk, memory
+filter  true error of buckets, paper filter and corrected filter by number of photons
+curve   reported and true error over time, as CSV and figure
+
+Ratios within one run are what counts: on a shared machine the rates themselves come and go.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from convergence import (
+    INDIRECT,
+    TOTAL,
+    CurvePoint,
+    Reference,
+    bucket_illuminance,
+    error_curve,
+    luminance_pair,
+    plot_curve,
+    trace,
+    write_curve,
+)
+from numpy.typing import NDArray
+from solve_runs import phase_seconds, run_solve, seconds_of
+
+from isolux import _core, _ray_rate
+from isolux.scene_description import SceneDescription
+from isolux.settings import SolverSettings
+from isolux.solver import build_core_scene
+from isolux.stage_reader import read_stage
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))  # the scene generators
+from usd_scenes.office.generate import generate  # noqa: E402
+
+REAL_STAGE = ROOT.parent / "shared/inputs/usd/dw218192+diffpt-warp/stages/cornell_sphere.usda"
+WORTH_A_LOOK = 0.15  # RMS error of a picture that tells how the room will look
+RAY_SEED = 1
+MEASURES = ("rates", "run", "filter", "curve")
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How long each measure takes.
+
+    densities : of the office: 1 has about 100,000 triangles, 3.45 has 1,000,000
+    slice_rays : rays and photon events of a slice, of about 0.1 s
+    budget : s, of the run whose phases are shown
+    filter_photons : of the rows of the filter table
+    curve_budget : s, of the runs whose errors are shown
+    reference_factor : photons of a reference over those of the best solution measured by it
+    """
+
+    densities: tuple[float, ...]
+    slice_rays: int
+    slices: int
+    budget: float
+    filter_photons: tuple[int, ...]
+    curve_budget: float
+    reference_factor: float
+
+
+QUICK = Effort((1.0,), 100_000, 5, 2.0, (1 << 15, 1 << 18), 2.0, 4.0)
+FULL = Effort((1.0, 3.45), 200_000, 15, 5.0, tuple(1 << k for k in (14, 16, 18, 20, 22)), 20.0, 8.0)
+
+
+@dataclass(frozen=True, slots=True)
+class BenchmarkScene:
+    """A stage as read and built: the tree that all measures share."""
+
+    name: str
+    path: Path
+    scene: SceneDescription
+    core: _core.Scene
+
+    @classmethod
+    def read(cls, name: str, path: Path, threads: int) -> BenchmarkScene:
+        scene = read_stage(path)
+        return cls(name, path, scene, build_core_scene(scene, SolverSettings(), threads))
+
+
+def spread(values: NDArray[np.float64]) -> str:
+    """Median and quartiles."""
+    low, middle, high = np.percentile(values, (25, 50, 75))
+    return f"{middle:.2f} ({low:.2f}–{high:.2f})"
+
+
+def seconds_or_never(seconds: float | None) -> str:
+    return "never" if seconds is None else f"{seconds:.2f}"
+
+
+def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A Markdown table; its first column flushed left."""
+    lines = [list(columns), *map(list, rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]
+    print(f"\n{title}\n")
+    for number, line in enumerate(lines):
+        cells = [
+            cell.ljust(width) if i == 0 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ]
+        print(f"| {' | '.join(cells)} |")
+        if number == 0:
+            print("|" + "|".join("-" * (width + 2) for width in widths) + "|")
+    sys.stdout.flush()
+
+
+def filter_buckets(
+    core: _core.Scene,
+    buckets: _core.PhotonBuckets,
+    photon_filter: _core.IlluminationFilter,
+    paper: bool,
+    threads: int,
+) -> dict[str, Any]:
+    """Direct and indirect light filtered by the default settings, but for the interval."""
+    settings = SolverSettings()
+    result: dict[str, Any] = photon_filter.filter(
+        core, buckets, settings.filter_accuracy, settings.filter_sharing, paper, threads
+    )
+    return result
+
+
+class RateMeter:
+    """Rates of bare rays and of photon events on one scene, in slices of about the same length."""
+
+    def __init__(self, core: _core.Scene, slice_rays: int) -> None:
+        self._core = core
+        self._slice_rays = slice_rays
+        self._rays = _ray_rate.IncoherentRays(core, slice_rays, RAY_SEED)
+        self._buckets = _core.PhotonBuckets(core)
+        self._photons = slice_rays
+        self.photon_rate(1)  # touches the memory and tells how many events a photon has
+        self._photons = slice_rays * slice_rays // self._events()
+
+    def _events(self) -> int:
+        ends = self._buckets.ends
+        return int(ends["rays"] - ends["escaped"])
+
+    def bare_rate(self, threads: int) -> float:
+        """Closest hits, 1/s."""
+        return self._slice_rays / seconds_of(lambda: self._rays.shoot(threads))
+
+    def photon_rate(self, threads: int) -> float:
+        """Photon surface events, 1/s."""
+        before = self._events()
+        first = self._buckets.ends["emitted"]
+        seconds = seconds_of(
+            lambda: _core.trace_photons(self._core, self._buckets, 0, first, self._photons, threads)
+        )
+        return (self._events() - before) / seconds
+
+
+def filter_ratio(core: _core.Scene, threads: int) -> tuple[float, int]:
+    """Time of filtering direct and indirect light once over that of tracing for a second.
+
+    returns : the ratio; the photons traced
+    """
+    buckets = _core.PhotonBuckets(core)
+    count, seconds = 1 << 12, 0.0
+    while seconds < 1.0:
+        first = buckets.ends["emitted"]
+        seconds += seconds_of(
+            lambda: _core.trace_photons(core, buckets, 0, first, count, threads)  # noqa: B023
+        )
+    photon_filter = _core.IlluminationFilter(core)
+    filtering = seconds_of(lambda: filter_buckets(core, buckets, photon_filter, False, threads))
+    return filtering / seconds, buckets.ends["emitted"]
+
+
+def measure_rates(scenes: Sequence[BenchmarkScene], effort: Effort, threads: int) -> None:
+    """Photon tracing against bare rays, filter against photon tracing, threads against one."""
+    counts = sorted({1, threads}, reverse=True)
+    columns = []
+    for scene in scenes:
+        meter = RateMeter(scene.core, effort.slice_rays)
+        bare: dict[int, list[float]] = {count: [] for count in counts}
+        photon: dict[int, list[float]] = {count: [] for count in counts}
+        for _ in range(effort.slices):
+            for count in counts:  # in turns: a machine that slows down favours neither
+                bare[count].append(meter.bare_rate(count))
+                photon[count].append(meter.photon_rate(count))
+        ratio, photons = filter_ratio(scene.core, threads)
+        columns.append(
+            [
+                *(spread(np.divide(photon[count], bare[count])) for count in counts),
+                f"{ratio:.2f}",
+                f"{photons:,}",
+                spread(np.divide(photon[threads], photon[1])),
+                spread(np.divide(bare[threads], bare[1])),
+                spread(np.divide(photon[threads], 1e6)),
+                spread(np.divide(bare[threads], 1e6)),
+            ]
+        )
+    names = [
+        *(f"photon events / bare rays, {count} of {threads} threads" for count in counts),
+        "filter / one second of photon tracing",
+        "photons of that second",
+        f"photon events, {threads} threads / 1",
+        f"bare rays, {threads} threads / 1",
+        f"photon events, {threads} threads, 10⁶/s",
+        f"bare rays, {threads} threads, 10⁶/s",
+    ]
+    print_table(
+        "Rates: median (quartiles)",
+        ["", *(f"{scene.core.element_count:,} triangles" for scene in scenes)],
+        list(zip(names, *columns, strict=True)),
+    )
+
+
+def measure_runs(scenes: Sequence[BenchmarkScene], effort: Effort, threads: int) -> None:
+    """Shares of time, time to the first results and memory."""
+    columns, peaks = [], []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for scene in scenes:
+            phases = phase_seconds(scene.path, effort.budget, threads, folder)
+            run = run_solve(scene.path, effort.budget, threads, folder)
+            whole = sum(phases.values())
+            peaks.append(run.peak_memory)
+            columns.append(
+                [
+                    *(f"{seconds / whole:.1%}" for seconds in phases.values()),
+                    str(len(run.appeared)),
+                    f"{run.appeared[0]:.2f}",
+                    f"{run.errors[0]:.1%}, {run.errors_indirect[0]:.1%}",
+                    seconds_or_never(run.seconds_to(WORTH_A_LOOK, run.errors)),
+                    seconds_or_never(run.seconds_to(WORTH_A_LOOK, run.errors_indirect)),
+                    f"{run.errors[-1]:.1%}, {run.errors_indirect[-1]:.1%}",
+                    f"{run.seconds:.2f}",
+                    f"{run.peak_memory / 2**20:.0f}",
+                ]
+            )
+    names = [
+        *(f"share of {phase}" for phase in phases),
+        "progressive stages",
+        "process start to first results on disk, s",
+        "their RMS error, indirect",
+        f"to results with RMS error below {WORTH_A_LOOK:.0%}, s",
+        f"to results with indirect RMS error below {WORTH_A_LOOK:.0%}, s",
+        "last RMS error, indirect",
+        "whole process, s",
+        "peak memory, MiB",
+    ]
+    print_table(
+        f"`isolux solve --time-budget {effort.budget:g}`",
+        ["", *(f"{scene.core.element_count:,} triangles" for scene in scenes)],
+        list(zip(names, *columns, strict=True)),
+    )
+    if len(scenes) > 1:
+        more = scenes[-1].core.element_count - scenes[0].core.element_count
+        print(f"\n{(peaks[-1] - peaks[0]) / more:.0f} bytes of memory a further triangle")
+
+
+def measure_filter(scene: BenchmarkScene, effort: Effort, threads: int) -> None:
+    """True errors of the filter's two intervals beside those of the buckets."""
+    core = scene.core
+    reference = Reference(core, int(max(effort.filter_photons) * effort.reference_factor), threads)
+    photon_filter = _core.IlluminationFilter(core)
+    rows = []
+    for photons in effort.filter_photons:
+        buckets = trace(core, photons, 0, threads)
+        candidates = [bucket_illuminance(core, buckets)[0]]
+        seconds = []
+        for paper in (True, False):
+            started = time.perf_counter()
+            result = filter_buckets(core, buckets, photon_filter, paper, threads)
+            seconds.append(time.perf_counter() - started)
+            candidates.append(luminance_pair(result["direct"], result["indirect"]))
+        rows.append(
+            [
+                f"{photons:,}",
+                f"{buckets.hit_counts.sum() / core.vertex_count:.2f}",
+                *(f"{reference.rms_error(c, TOTAL):.1%}" for c in candidates),
+                f"{result['rms_error']:.1%}",
+                *(f"{reference.rms_error(c, INDIRECT):.1%}" for c in candidates),
+                f"{result['rms_error_indirect']:.1%}",
+                *(f"{s:.2f}" for s in seconds),
+            ]
+        )
+    columns = ["photons", "hits a vertex"]
+    for part in ("total", "indirect"):
+        columns += [f"{part}: buckets", "paper", "corrected", "reported"]
+    columns += ["s: paper", "corrected"]
+    print_table(
+        f"True RMS error of {scene.name}, by a reference of {reference.photons:,} photons; what "
+        "the corrected filter reports; filter time",
+        columns,
+        rows,
+    )
+
+
+def measure_curve(
+    scenes: Sequence[BenchmarkScene],
+    effort: Effort,
+    provenance: dict[str, str | int],
+    csv: Path,
+    figure: Path,
+) -> None:
+    """Error over time, true and as reported."""
+    settings = SolverSettings(threads=int(provenance["threads"]), stages=10)
+    settings = settings.with_budget(time_budget=effort.curve_budget)
+    points: list[CurvePoint] = []
+    for scene in scenes:
+        points += error_curve(
+            scene.name, scene.scene, scene.core, settings, effort.reference_factor
+        )
+    rows = [
+        [
+            point.scene,
+            f"{point.seconds:.2f}",
+            f"{point.photons:,}",
+            f"{point.true_error:.1%}",
+            f"{point.reported_error:.1%}",
+            f"{point.true_error_indirect:.1%}",
+            f"{point.reported_error_indirect:.1%}",
+            f"{point.filter_seconds:.2f}",
+        ]
+        for point in points
+    ]
+    columns = ["scene", "s", "photons", "true", "reported", "indirect", "reported", "filter, s"]
+    print_table("RMS error over time", columns, rows)
+    shown = ("time_budget", "stages", "filter_accuracy", "filter_sharing", "filter_interval")
+    with_settings = {
+        **provenance,
+        "settings": "; ".join(f"{name}={getattr(settings, name)}" for name in shown),
+        "reference_factor": effort.reference_factor,
+    }
+    write_curve(csv, points, with_settings)
+    plot_curve(figure, points, "{cpu}, {threads} threads, commit {commit}".format(**provenance))
+    print(f"\n{csv}\n{figure}")
+
+
+def cpu_name() -> str:
+    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+        if line.startswith("model name"):
+            return line.partition(":")[2].strip()
+    return platform.processor()
+
+
+def commit() -> str:
+    """Short hash, with + where files differ from it."""
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(["git", "-C", ROOT, *arguments], capture_output=True, text=True)
+        return done.stdout.strip()
+
+    return git("rev-parse", "--short", "HEAD") + ("+" if git("status", "--porcelain") else "")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument(
+        "--quick", action="store_true", help="the smaller office only, about a minute in all"
+    )
+    parser.add_argument("--only", default=",".join(MEASURES), help="measures, comma-separated")
+    parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)))
+    parser.add_argument("--reference-factor", type=float, help="photons of references, relative")
+    folder = ROOT / "build/bench"
+    parser.add_argument("--csv", type=Path, default=folder / "speed_against_error.csv")
+    parser.add_argument("--figure", type=Path, default=folder / "speed_against_error.png")
+    options = parser.parse_args(arguments)
+    only = options.only.split(",")
+    if unknown := set(only) - set(MEASURES):
+        parser.error(f"no measure {', '.join(unknown)}; there are {', '.join(MEASURES)}")
+    effort = QUICK if options.quick else FULL
+    if options.reference_factor:
+        effort = replace(effort, reference_factor=options.reference_factor)
+    for path in (folder / "x", options.csv, options.figure):
+        path.parent.mkdir(parents=True, exist_ok=True)
+
+    threads = options.threads
+    provenance = {"commit": commit(), "cpu": cpu_name(), "threads": threads}
+    print("{cpu}, {threads} threads, commit {commit}".format(**provenance))
+    offices = []
+    for density in effort.densities if {"rates", "run"} & set(only) else effort.densities[:1]:
+        path = folder / f"office_{density:g}.usdc"
+        generate(path, density)
+        offices.append(BenchmarkScene.read("office", path, threads))
+    if "rates" in only:
+        measure_rates(offices, effort, threads)
+    if "run" in only:
+        measure_runs(offices, effort, threads)
+    if "filter" in only:
+        measure_filter(offices[0], effort, threads)
+    if "curve" in only:
+        scenes = offices[:1]
+        if REAL_STAGE.exists() and not options.quick:
+            scenes.append(BenchmarkScene.read(REAL_STAGE.stem, REAL_STAGE, threads))
+        measure_curve(scenes, effort, provenance, options.csv, options.figure)
+
+
+if __name__ == "__main__":
+    main()

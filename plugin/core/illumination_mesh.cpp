@@ -173,10 +173,7 @@ void IlluminationMesh::add(const SurfaceMesh& mesh, double crease_angle) {
     MeshRange range;
     range.front_begin = static_cast<std::int32_t>(positions.size());
     range.corner_vertices.assign(corner_count, -1);
-    std::vector<bool> hole(mesh.face_vertex_counts.size(), false);
-    for (const std::int32_t f : mesh.hole_faces) {
-        hole[static_cast<std::size_t>(f)] = true;
-    }
+    const std::vector<bool> hole = hole_flags(mesh);
     std::vector<Vec3d> normal_sums;
     for (const std::int32_t c : of_points.corners) {
         if (hole[neighbours.face[c]]) {

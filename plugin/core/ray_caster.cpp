@@ -29,17 +29,11 @@ constexpr float kRelativeOffset = 0x1p-20F;
 
 #if RTC_VERSION_MAJOR >= 4
 void intersect(RTCScene scene, RTCRayHit& ray_hit) { rtcIntersect1(scene, &ray_hit); }
-void occlude(RTCScene scene, RTCRay& ray) { rtcOccluded1(scene, &ray); }
 #else
 void intersect(RTCScene scene, RTCRayHit& ray_hit) {
     RTCIntersectContext context;
     rtcInitIntersectContext(&context);
     rtcIntersect1(scene, &context, &ray_hit);
-}
-void occlude(RTCScene scene, RTCRay& ray) {
-    RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
-    rtcOccluded1(scene, &context, &ray);
 }
 #endif
 
@@ -134,12 +128,6 @@ Hit RayCaster::closest_hit(const Ray& ray) const {
 float RayCaster::offset(const Vec3f& p, float distance) const {
     const float size = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z), distance});
     return std::max(kRelativeOffset * size, least_offset_);
-}
-
-bool RayCaster::occluded(const Ray& ray, float max_distance) const {
-    RTCRay shadow_ray = embree_ray(ray, max_distance);
-    occlude(embree_->scene, shadow_ray);
-    return shadow_ray.tfar < 0.0F; // Embree sets minus infinity where something is hit
 }
 
 } // namespace isolux

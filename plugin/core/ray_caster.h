@@ -1,4 +1,4 @@
-// Closest hits and occlusion among triangles. The only unit that sees Embree.
+// Closest hits among triangles. The only unit that sees Embree.
 //
 // Positions are recentred in double before they become float rays, so that a stage far from its
 // origin keeps its precision.
@@ -44,7 +44,6 @@ class RayCaster {
     float offset(const Vec3f& p, float distance) const;
 
     Hit closest_hit(const Ray& ray) const;
-    bool occluded(const Ray& ray, float max_distance) const;
 
   private:
     struct Embree;

@@ -81,6 +81,14 @@ template <typename Emit> void clip_ears(const std::vector<Vec2d>& polygon, const
 
 } // namespace
 
+std::vector<bool> hole_flags(const PolygonMesh& mesh) {
+    std::vector<bool> hole(mesh.face_vertex_counts.size(), false);
+    for (const std::int32_t face : mesh.hole_faces) {
+        hole[static_cast<std::size_t>(face)] = true;
+    }
+    return hole;
+}
+
 Vec3d area_vector(const PolygonMesh& mesh, std::int32_t first_corner, std::int32_t count) {
     Vec3d sum;
     const Vec3d& origin = mesh.points[mesh.face_vertex_indices[first_corner]];
@@ -96,10 +104,7 @@ Triangulation triangulate(const PolygonMesh& mesh) {
     Triangulation out;
     out.corners.reserve(mesh.face_vertex_indices.size());
     out.faces.reserve(mesh.face_vertex_indices.size());
-    std::vector<bool> hole(mesh.face_vertex_counts.size(), false);
-    for (const std::int32_t face : mesh.hole_faces) {
-        hole[static_cast<std::size_t>(face)] = true;
-    }
+    const std::vector<bool> hole = hole_flags(mesh);
     std::int32_t first = 0;
     for (std::size_t face = 0; face < mesh.face_vertex_counts.size(); ++face) {
         const std::int32_t count = mesh.face_vertex_counts[face];

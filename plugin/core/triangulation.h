@@ -27,6 +27,9 @@ struct Triangulation {
 // Faces of fewer than three corners, holes and triangles without area give no triangle.
 Triangulation triangulate(const PolygonMesh& mesh);
 
+// One a face: whether it is a hole.
+std::vector<bool> hole_flags(const PolygonMesh& mesh);
+
 // Twice the area times the unit normal on the front side [Newell].
 Vec3d area_vector(const PolygonMesh& mesh, std::int32_t first_corner, std::int32_t count);
 

@@ -111,9 +111,8 @@ class ProgressiveSolver:
 
     def findings(self) -> tuple[Finding, ...]:
         """What the photons found out about the stage, beside `scene.findings`."""
-        fronts = np.zeros(len(self.scene.meshes))
-        for i, mesh in enumerate(self.scene.meshes):
-            fronts[i] = self._buckets.hit_counts[self._layouts[mesh.path].front].sum()
+        hits = self._buckets.hit_counts
+        fronts = np.array([hits[self._layouts[m.path].front].sum() for m in self.scene.meshes])
         backs = np.array(self._buckets.ends["back_hits"])
         inside_out = (backs > fronts) & (backs + fronts >= INSIDE_OUT_PHOTONS)
         return tuple(

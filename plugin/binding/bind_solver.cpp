@@ -1,4 +1,5 @@
 // The solver's components: scene, photon buckets, photon tracing, filtering.
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <stdexcept>
@@ -175,6 +176,17 @@ void bind_solver(nb::module_& module) {
             "vertex_positions",
             [](const Scene& s) { return hand_over(std::vector(s.mesh().positions)); },
             nb::rv_policy::automatic, "(V, 3) float64, metres, world space")
+        .def_prop_ro(
+            "receiver_positions",
+            [](const Scene& s) {
+                const auto receivers = vertex_receivers(s.mesh());
+                std::vector<Vec3d> positions(receivers.size());
+                std::ranges::transform(receivers, positions.begin(), &Receiver::position);
+                return hand_over(std::move(positions));
+            },
+            nb::rv_policy::automatic,
+            "(V, 3) float64, metres: where each illumination vertex samples light, a little off "
+            "its element's edges; its normal is that of vertex_normals")
         .def_prop_ro(
             "vertex_normals",
             [](const Scene& s) { return hand_over(std::vector(s.mesh().normals)); },

@@ -1,9 +1,13 @@
 // isolux._core: the compiled solver, arrays in and arrays out.
 #include <nanobind/nanobind.h>
 
+void bind_direct_lighting(nanobind::module_& module);
+void bind_mesh_refinement(nanobind::module_& module);
 void bind_photometry(nanobind::module_& module);
+void bind_progressive_radiosity(nanobind::module_& module);
 void bind_ray_caster(nanobind::module_& module);
 void bind_solver(nanobind::module_& module);
+void bind_sparse_gather(nanobind::module_& module);
 void bind_tone_mapping(nanobind::module_& module);
 
 NB_MODULE(_core, module) {
@@ -13,4 +17,8 @@ NB_MODULE(_core, module) {
     bind_ray_caster(module);
     bind_tone_mapping(module);
     bind_solver(module);
+    bind_direct_lighting(module);
+    bind_mesh_refinement(module);
+    bind_progressive_radiosity(module);
+    bind_sparse_gather(module);
 }

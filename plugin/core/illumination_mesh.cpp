@@ -211,6 +211,8 @@ void IlluminationMesh::add(const SurfaceMesh& mesh, double crease_angle) {
     DisjointSets connected(static_cast<std::size_t>(front_count));
     areas.resize(static_cast<std::size_t>(range.back_end), 0.0);
     const Triangulation triangles = triangulate(mesh);
+    range.element_begin = static_cast<std::int32_t>(elements.size());
+    range.element_end = range.element_begin + static_cast<std::int32_t>(triangles.faces.size());
     elements.reserve(elements.size() + triangles.corners.size());
     for (std::size_t t = 0; t < triangles.corners.size(); ++t) {
         MeshElement element{{}, surface_of_face[triangles.faces[t]]};
@@ -240,6 +242,32 @@ void IlluminationMesh::add(const SurfaceMesh& mesh, double crease_angle) {
         }
     }
     meshes.push_back(std::move(range));
+}
+
+std::vector<Receiver> vertex_receivers(const IlluminationMesh& mesh) {
+    // Of the way to the middle of the elements around: small beside an element, large beside the
+    // rounding of its coordinates.
+    constexpr double kInset = 1.0 / 64.0;
+    std::vector<Vec3d> middles(mesh.positions.size()); // times area
+    for (const MeshElement& element : mesh.elements) {
+        const Surface& surface = mesh.surfaces[static_cast<std::size_t>(element.surface)];
+        const auto [a, b, c] = element.vertices;
+        const Vec3d &p = mesh.positions[a], &q = mesh.positions[b], &r = mesh.positions[c];
+        const double area = 0.5 * length(cross(q - p, r - p)) / 3.0;
+        for (const std::int32_t v : element.vertices) {
+            middles[v] += (p + q + r) * (area / 3.0);
+            if (surface.back_offset >= 0) {
+                middles[v + surface.back_offset] += (p + q + r) * (area / 3.0);
+            }
+        }
+    }
+    std::vector<Receiver> out(mesh.positions.size());
+    for (std::size_t v = 0; v < out.size(); ++v) {
+        const Vec3d& p = mesh.positions[v];
+        const double area = mesh.areas[v];
+        out[v] = {area > 0.0 ? p + (middles[v] * (1.0 / area) - p) * kInset : p, mesh.normals[v]};
+    }
+    return out;
 }
 
 } // namespace isolux

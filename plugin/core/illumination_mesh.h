@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include "core/receiver.h"
 #include "core/triangulation.h"
 #include "core/vec3.h"
 
@@ -37,6 +38,7 @@ struct MeshElement {
 // Where one mesh's vertices lie in IlluminationMesh's arrays.
 struct MeshRange {
     std::int32_t front_begin = 0, front_end = 0, back_end = 0; // the back begins at front_end
+    std::int32_t element_begin = 0, element_end = 0;           // in the order of triangulate()
     std::vector<std::int32_t> corner_vertices;                 // from front_begin; -1 at holes
 };
 
@@ -54,5 +56,10 @@ struct IlluminationMesh {
     // (rad), or where authored normals differ.
     void add(const SurfaceMesh& mesh, double crease_angle);
 };
+
+// Where each vertex samples light: a little towards the middle of the elements around it, so that a
+// vertex in a corner of the room doesn't lie in the plane of the other wall. The normal is zero
+// where all elements around are degenerate: no light is defined there.
+std::vector<Receiver> vertex_receivers(const IlluminationMesh& mesh);
 
 } // namespace isolux

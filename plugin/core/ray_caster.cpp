@@ -29,11 +29,17 @@ constexpr float kRelativeOffset = 0x1p-20F;
 
 #if RTC_VERSION_MAJOR >= 4
 void intersect(RTCScene scene, RTCRayHit& ray_hit) { rtcIntersect1(scene, &ray_hit); }
+void occlude(RTCScene scene, RTCRay& ray) { rtcOccluded1(scene, &ray); }
 #else
 void intersect(RTCScene scene, RTCRayHit& ray_hit) {
     RTCIntersectContext context;
     rtcInitIntersectContext(&context);
     rtcIntersect1(scene, &context, &ray_hit);
+}
+void occlude(RTCScene scene, RTCRay& ray) {
+    RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    rtcOccluded1(scene, &context, &ray);
 }
 #endif
 
@@ -123,6 +129,12 @@ Hit RayCaster::closest_hit(const Ray& ray) const {
             ray_hit.hit.v,
             ray_hit.ray.tfar,
             {ray_hit.hit.Ng_x, ray_hit.hit.Ng_y, ray_hit.hit.Ng_z}};
+}
+
+bool RayCaster::occluded(const Ray& ray, float far) const {
+    RTCRay shadow_ray = embree_ray(ray, far);
+    occlude(embree_->scene, shadow_ray);
+    return shadow_ray.tfar < 0.0F; // Embree's mark
 }
 
 float RayCaster::offset(const Vec3f& p, float distance) const {

@@ -1,4 +1,4 @@
-// Closest hits among triangles. The only unit that sees Embree.
+// Closest hits and occlusion among triangles. The only unit that sees Embree.
 //
 // Positions are recentred in double before they become float rays, so that a stage far from its
 // origin keeps its precision.
@@ -44,6 +44,8 @@ class RayCaster {
     float offset(const Vec3f& p, float distance) const;
 
     Hit closest_hit(const Ray& ray) const;
+    // Whether anything lies within `far`, in lengths of the direction.
+    bool occluded(const Ray& ray, float far) const;
 
   private:
     struct Embree;

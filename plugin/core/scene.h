@@ -15,6 +15,7 @@ class Scene {
     Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires, int threads);
 
     const IlluminationMesh& mesh() const { return mesh_; }
+    const std::vector<Luminaire>& luminaires() const { return luminaires_; }
     const RayCaster& ray_caster() const { return ray_caster_; }
     double luminous_flux() const { return luminous_flux_; } // lm
     // Some light or surface is coloured: else one channel says all.

@@ -63,6 +63,55 @@ class MeshLayout:
 
 
 @dataclass(frozen=True, slots=True)
+class RefinedMesh:
+    """The adaptive mesh: the elements' triangles, split along edges where light needs it.
+
+    Vertices are the scene's V illumination vertices, then S split vertices, each on the line between
+    two vertices before it, so that linear interpolation from its parents gives any function of the
+    coarser mesh unchanged. A later mesh of the same run begins with all split vertices of an earlier
+    one.
+
+    vertex_count : V
+    split_parents : (S, 2) int32, the two vertices between which each split vertex lies
+    split_fraction : (S,) float64, 0 at the first parent, 1 at the second
+    split_twin : (S,) int32, of a front vertex its twin on the back of a double-sided mesh, else -1
+    split_point : (S,) int32, split vertices at the same place of an edge share a number in
+        [0, P): the sides of a crease, front and back
+    elements : (T, 3) int32, front vertices, counter-clockwise seen from the front
+    element_parents : (T,) int32, the scene's element of which each is a part, in rising order
+    barycentrics : (T, 3, 3) float64, place of each corner in its parent: weights of its vertices
+    """
+
+    vertex_count: int
+    split_parents: NDArray[np.int32]
+    split_fraction: NDArray[np.float64]
+    split_twin: NDArray[np.int32]
+    split_point: NDArray[np.int32]
+    elements: NDArray[np.int32]
+    element_parents: NDArray[np.int32]
+    barycentrics: NDArray[np.float64]
+
+    def interpolate(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Values of the first n >= V vertices, (n,) or (n, C), carried on to all V + S."""
+        known = len(values)
+        total = self.vertex_count + len(self.split_parents)
+        out = np.empty((total, *values.shape[1:]), values.dtype)
+        out[:known] = values
+        is_known = np.arange(total) < known
+        pending = np.arange(known, total)
+        while len(pending):  # a round for each generation of splits
+            ready = is_known[self.split_parents[pending - self.vertex_count]].all(axis=1)
+            vertices = pending[ready]
+            a, b = self.split_parents[vertices - self.vertex_count].T
+            t = self.split_fraction[vertices - self.vertex_count]
+            t = t.reshape(-1, *(1,) * (values.ndim - 1))
+            out[vertices] = out[a] * (1 - t) + out[b] * t
+            is_known[vertices] = True
+            pending = pending[~ready]
+        return out
+
+
+@dataclass(frozen=True, slots=True)
 class Solution:
     """Illuminance of all meshes after one progressive stage.
 

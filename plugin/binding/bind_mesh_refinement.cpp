@@ -1,0 +1,3 @@
+#include "binding/arrays.h"
+
+void bind_mesh_refinement(nanobind::module_&) {}

@@ -1,0 +1,3 @@
+#include "binding/arrays.h"
+
+void bind_progressive_radiosity(nanobind::module_&) {}

@@ -1,0 +1,43 @@
+// Deterministic direct lighting, DDL: illuminance straight from the luminaires at points, emission
+// times visibility [Volevich 2000, §3.1.1].
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/luminaire_illuminance.h"
+#include "core/scene.h"
+
+namespace isolux {
+
+struct DirectLightingSettings {
+    std::uint64_t seed = 0;
+    // Half-width of the shadow rays' confidence, relative to the total illuminance, at which they
+    // stop: 1 %.
+    double accuracy = 0.01;
+};
+
+// One entry a receiver.
+struct DirectIllumination {
+    std::vector<Vec3f> illuminance;    // lx by channel
+    std::vector<float> standard_error; // lx, photometric: what culling and shadow rays left open
+    std::uint64_t shadow_rays = 0;
+};
+
+class DirectLighting {
+  public:
+    DirectLighting(const Scene& scene, const DirectLightingSettings& settings);
+
+    // indirect : lx, photometric, one a receiver or none: light from elsewhere, beside which small
+    //     errors of direct light don't show
+    // A receiver's outcome depends on its position, normal and indirect light alone.
+    DirectIllumination illuminate(std::span<const Receiver> receivers,
+                                  std::span<const float> indirect, int threads) const;
+
+  private:
+    const Scene& scene_;
+    DirectLightingSettings settings_;
+};
+
+} // namespace isolux

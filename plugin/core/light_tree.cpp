@@ -1,0 +1,1 @@
+#include "core/light_tree.h"

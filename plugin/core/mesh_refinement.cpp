@@ -1,0 +1,1 @@
+#include "core/mesh_refinement.h"

@@ -1,0 +1,1 @@
+#include "core/progressive_radiosity.h"

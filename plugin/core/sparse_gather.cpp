@@ -1,0 +1,1 @@
+#include "core/sparse_gather.h"

@@ -64,12 +64,14 @@ def test_solve_writes_into_the_current_folder_and_says_what_comes_next(here):
 
 
 def test_solve_tells_what_it_read_and_each_stage(here):
-    result = isolux("solve", "../scenes/room.usda", "--photons", 20000, "--stages", 3)
+    result = isolux(
+        "solve", "../scenes/room.usda", "--method", "dept", "--photons", 20000, "--stages", 3
+    )
     assert "2 meshes, 6 faces, 12 points, 1 luminaire, 394.8 lm" in result.stderr
     assert [line.split(", ")[0] for line in result.stderr.splitlines() if "RMS" in line] == [
-        "stage 1/3: 5,000 photons",
-        "stage 2/3: 10,000 photons",
-        "stage 3/3: 20,000 photons",
+        "stage 1/3: DEPT",
+        "stage 2/3: DEPT",
+        "stage 3/3: DEPT",
     ]
     for phase in ("read ", "build ", "solve ", "write "):
         assert phase in result.stdout
@@ -119,14 +121,23 @@ def test_options_override_the_settings_of_the_stage(here, settings, options, exp
 
 
 def test_a_run_is_replayed_from_what_its_results_tell(here):
-    isolux("solve", "../scenes/room.usda", "--time-budget", 0.2, "--stages", 1, "-o", "a.usda")
-    provenance, _ = read_report(here / "a.usda")
-    (photons,) = provenance["photonsPerStage"]
-    replay = ["--photons", photons, "--stages", 1, "--threads", 1]
-    isolux("solve", "../scenes/room.usda", *replay, "-o", "b.usda")
-    a, b = (illuminance(here / name, "/World/Walls", 1.0) for name in ("a.usda", "b.usda"))
-    assert a.any()
-    np.testing.assert_array_equal(a, b)
+    timed = ["--method", "composite", "--time-budget", 0.2, "--stages", 4]
+    isolux("solve", "../scenes/room.usda", *timed, "-o", "a.usda")
+    isolux("solve", "../scenes/room.usda", "--replay", "a.usda", "--threads", 1, "-o", "b.usda")
+    stages = [read_report(here / name)[1] for name in ("a.usda", "b.usda")]
+    made = [[(s.component, s.photons, s.shadow_rays, s.rms_error) for s in run] for run in stages]
+    assert made[0] == made[1]
+    for stage in stages[0]:
+        time = float(stage.index)
+        a, b = (illuminance(here / name, "/World/Walls", time) for name in ("a.usda", "b.usda"))
+        assert a.any()
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_replay_takes_no_other_settings(solved):
+    result = isolux("solve", "../scenes/room.usda", "--replay", solved, "--seed", 3)
+    assert result.exit_code == ExitCode.USAGE
+    assert "--seed beside it" in result.stderr
 
 
 def test_the_report_tells_the_run_and_what_was_not_taken_as_it_stands(here):
@@ -138,7 +149,10 @@ def test_the_report_tells_the_run_and_what_was_not_taken_as_it_stands(here):
     report = json.loads((here / "run.json").read_text())
     assert (report["version"], report["seed"], report["threads"]) == (version("isolux"), 0, 2)
     assert set(report["seconds"]) == {"read", "build", "solve", "write"}
-    assert [stage["index"] for stage in report["stages"]] == list(range(1, 9))
+    stages = report["stages"]
+    assert [stage["index"] for stage in stages] == list(range(1, len(stages) + 1))
+    assert {"DEPT", "DDL"} < {stage["component"] for stage in stages}
+    assert stages[-1]["switchover_photons"] <= stages[-1]["photons"] == 20000
     found = [(f["path"], f["kind"], f["action"]) for f in report["findings"]]
     assert ("/World/Ball", "Sphere", "skipped") in found
     assert ("/World/Hull", "orientation", "noted") in found  # only photons can tell
@@ -175,7 +189,9 @@ def test_info_tells_the_stages_from_the_file_itself(solved):
     _, stages = read_report(solved)
     lines = [line.split() for line in result.stdout.splitlines()]
     for stage in stages:
-        assert any(line[:3] == [str(stage.index), "DEPT", f"{stage.photons:,}"] for line in lines)
+        assert any(
+            line[:3] == [str(stage.index), stage.component, f"{stage.photons:,}"] for line in lines
+        )
     for field in OUTPUT_FIELDS:
         assert any(line[:2] == [field.name, field.unit] for line in lines)
     assert ["version", version("isolux")] in lines
@@ -187,8 +203,9 @@ def test_render_makes_a_png_in_the_current_folder_and_says_how(solved):
     with Image.open("room.isolux.png") as picture:
         assert picture.size == (64, 36)
         assert np.asarray(picture).std() > 1
+    last = read_report(solved)[1][-1].index
     assert result.stdout.startswith(
-        "room.isolux.png: 64 × 36, camera framed on the interior, stage 8, exposure "
+        f"room.isolux.png: 64 × 36, camera framed on the interior, stage {last}, exposure "
     )
 
 
@@ -228,7 +245,9 @@ def start_solve(folder, *options):
     [(signal.SIGINT, ExitCode.INTERRUPTED), (signal.SIGTERM, ExitCode.TERMINATED)],
 )
 def test_an_interrupted_run_keeps_the_photons_traced_so_far(here, sent, code):
-    run = start_solve(here, "--photons", str(10**12), "--stages", "30", "--report", "run.json")
+    run = start_solve(
+        here, "--method", "dept", "--photons", str(10**12), "--stages", "30", "--report", "run.json"
+    )
     time.sleep(0.3)
     run.send_signal(sent)
     _, messages = run.communicate(timeout=20)

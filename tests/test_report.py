@@ -50,7 +50,7 @@ def test_the_file_tells_its_stages_exactly(baked, name):
         "threads": 2,
         "settings": {"targetError": 0.05, "paper": False, "thresholds": [0.1, 2.0]},
         "sourceHash": "f00d",
-        "photonsPerStage": [stage.photons for stage in stages],
+        "steps": {name: [] for name in ("component", "photons", "rays", "iteration", "shown")},
     }
 
 

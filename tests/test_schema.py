@@ -31,6 +31,8 @@ class Row(NamedTuple):
     tokens: tuple[str, ...] = ()
 
 
+METHODS = ("auto", "composite", "dept", "ddl+idept", "ddl+hpr")
+OUTPUT_MODES = ("vertex", "refined")
 ATTRIBUTES = [
     Row(LUMINAIRE_API, "inputs:isolux:file", "asset", Sdf.AssetPath(), Sdf.AssetPath("a.ies")),
     Row(LUMINAIRE_API, "inputs:isolux:gammaAngles", "float[]", [], [0, 45, 90]),
@@ -41,6 +43,10 @@ ATTRIBUTES = [
     Row(
         LUMINAIRE_API, "inputs:isolux:c0Axis", "token", "+X", "-Y", tokens=("+X", "-X", "+Y", "-Y")
     ),
+    Row(SOLVER_API, "isolux:method", "token", "auto", "ddl+hpr", tokens=METHODS),
+    Row(SOLVER_API, "isolux:outputMode", "token", "vertex", "refined", tokens=OUTPUT_MODES),
+    Row(SOLVER_API, "isolux:subdivisionThreshold", "double", 0.1, 0.05, (0.001, 10)),
+    Row(SOLVER_API, "isolux:subdivisionIterations", "int", 3, 5, (0, 8)),
     Row(SOLVER_API, "isolux:targetError", "double", 0.05, 0.01, (0, 1)),
     Row(SOLVER_API, "isolux:timeBudget", "double", 0, 60, (0, None)),
     Row(SOLVER_API, "isolux:photons", "int64", 0, 10**10, (0, None)),

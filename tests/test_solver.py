@@ -27,21 +27,23 @@ def scene(tmp_path):
     ],
 )
 def test_photons_double_from_stage_to_stage(scene, photons, stages, counts):
-    settings = isolux.SolverSettings(target_error=0.0, photons=photons, stages=stages)
+    settings = isolux.SolverSettings(
+        method="dept", target_error=0.0, photons=photons, stages=stages
+    )
     solver = isolux.ProgressiveSolver(scene, settings)
     assert [solution.stage.photons for solution in solver.stages()] == counts
 
 
 def test_seconds_double_from_stage_to_stage():
     settings = isolux.SolverSettings(target_error=0.0, time_budget=8.0, stages=4)
-    goals = list(stage_goals(settings))
+    goals = list(stage_goals(settings, settings.stages))
     assert [(goal.photons, goal.seconds) for goal in goals] == [
         (math.inf, seconds) for seconds in (1.0, 2.0, 4.0, 8.0)
     ]
 
 
 def test_a_target_error_is_met_at_the_last_stage_and_not_before(scene):
-    settings = isolux.SolverSettings(target_error=0.01)
+    settings = isolux.SolverSettings(method="dept", target_error=0.01)
     stages = [s.stage for s in isolux.ProgressiveSolver(scene, settings).stages()]
     assert len(stages) >= settings.stages
     assert stages[-1].rms_error <= 0.01
@@ -69,7 +71,7 @@ def test_progress_grows_to_the_whole(scene):
 
 
 def test_a_solution_gives_illuminance_at_the_corners_of_a_mesh(tmp_path):
-    settings = isolux.SolverSettings(target_error=0.0, photons=20_000)
+    settings = isolux.SolverSettings(method="dept", target_error=0.0, photons=20_000)
     solutions = list(isolux.solve(write_room(tmp_path / "room.usda"), settings))
     assert [s.stage.index for s in solutions] == list(range(1, 9))
     for path, corners in (("/World/Floor", FLOOR_CORNERS), ("/World/Walls", WALL_CORNERS)):
@@ -80,8 +82,13 @@ def test_a_solution_gives_illuminance_at_the_corners_of_a_mesh(tmp_path):
         solutions[-1].illuminance("/World/Roof")
 
 
+_SETTINGS = """token isolux:method = "dept"
+ int64 isolux:photons = 500
+ int isolux:stages = 2"""
+
+
 def test_settings_of_the_stage_hold_unless_others_are_given(tmp_path):
-    room = write_room(tmp_path / "room.usda", "int64 isolux:photons = 500\n int isolux:stages = 2")
+    room = write_room(tmp_path / "room.usda", _SETTINGS)
     assert [s.stage.photons for s in isolux.solve(room)] == [250, 500]
-    given = isolux.SolverSettings(target_error=0.0, photons=90, stages=1)
+    given = isolux.SolverSettings(method="dept", target_error=0.0, photons=90, stages=1)
     assert [s.stage.photons for s in isolux.solve(room, given)] == [90]

@@ -149,6 +149,8 @@ nb::dict filter(const IlluminationFilter& self, const Scene& scene, const Photon
     auto& [direct, indirect] = filtered;
     nb::dict out;
     out["relative_deviation"] = hand_over(total_deviation(direct, indirect));
+    out["direct_relative_deviation"] = hand_over(std::move(direct.relative_deviation));
+    out["indirect_relative_deviation"] = hand_over(std::move(indirect.relative_deviation));
     out["direct"] = hand_over(std::move(direct.illuminance));
     out["indirect"] = hand_over(std::move(indirect.illuminance));
     out["support_radius"] = hand_over(std::move(indirect.support_radius));

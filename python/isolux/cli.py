@@ -139,6 +139,18 @@ def solve(
             callback=_usd_path,
         ),
     ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="M", help="auto, composite, dept, ddl+idept or ddl+hpr: see the README."
+        ),
+    ] = None,
+    output_mode: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MODE", help="vertex: meshes as they are; refined: with the adaptive mesh."
+        ),
+    ] = None,
     photons: Annotated[
         int | None, typer.Option(metavar="N", help="Stop at so many photons.")
     ] = None,
@@ -157,6 +169,13 @@ def solve(
         int | None, typer.Option(metavar="N", help="Number of progressive stages.")
     ] = None,
     time: _ReadTime = None,
+    replay: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RESULTS",
+            help="Make an earlier run again, bit for bit, by the settings and counts it recorded.",
+        ),
+    ] = None,
     report: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="Write the run's report as JSON.")
     ] = None,
@@ -170,6 +189,8 @@ def solve(
     from .solve_command import solve_stage
 
     options = {
+        "method": method,
+        "output_mode": output_mode,
         "photons": photons,
         "time_budget": time_budget,
         "target_error": target_error,
@@ -178,7 +199,7 @@ def solve(
         "stages": stages,
     }
     output = output or Path(f"{stage.stem}.isolux.usda")
-    ended_by = solve_stage(stage, output, options, time, report)
+    ended_by = solve_stage(stage, output, options, time, report, replay)
     if ended_by is not None:
         raise typer.Exit(ExitCode.TERMINATED if ended_by == SIGTERM else ExitCode.INTERRUPTED)
 
@@ -248,8 +269,8 @@ def info(results: _Results) -> None:
 @app.command()
 def check(stage: _Stage, time: _ReadTime = None) -> None:
     """Show what `solve` would read of STAGE, what it would skip, and what is wrong."""
+    from .core_scene import require_light_and_surface
     from .solve_command import read_source
-    from .solver import require_light_and_surface
     from .tables import findings_table, luminaire_table, new_console, scene_summary
 
     _, scene, _ = read_source(stage, time)

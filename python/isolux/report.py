@@ -15,6 +15,8 @@ from .atomic_file import replace_atomically
 from .errors import SceneError
 from .results import REPORT_ATTRIBUTES
 from .scene_description import SceneDescription
+from .schedule import StagePlan, recorded_steps
+from .settings import SolverSettings
 from .solution import ProgressiveStage
 
 
@@ -32,7 +34,7 @@ def read_report(path: str | Path) -> tuple[dict[str, Any], list[ProgressiveStage
     """Provenance and stages that a results file tells about itself; the source isn't opened.
 
     path : the root layer that a solve made, or its results layer
-    returns : what the writer was given to replay the run, with sourceHash, photonsPerStage and
+    returns : what the writer was given to replay the run, with sourceHash, steps and
         reportPrim (path of the prim with the report); the stages by time code
     raises : SceneError where the file is no USD or holds no results
     """
@@ -42,6 +44,23 @@ def read_report(path: str | Path) -> tuple[dict[str, Any], list[ProgressiveStage
             prim = Sdf.Path(provenance["reportPrim"])
             return _plain(provenance), _stages(layer, prim)
     raise SceneError(str(path), "no Isolux results", "a file that `isolux solve` wrote")
+
+
+def read_replay(path: str | Path) -> tuple[SolverSettings, tuple[StagePlan, ...], str]:
+    """What makes the same run again, bit for bit: its settings, its steps, the source's hash.
+
+    path : as for `read_report`
+    raises : SceneError where the file holds no results that can be replayed
+    """
+    provenance, _ = read_report(path)
+    try:
+        steps = recorded_steps(provenance["steps"])
+        settings = SolverSettings(**provenance["settings"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise SceneError(
+            str(path), f"no steps to replay ({error})", "results of this version of Isolux"
+        ) from None
+    return settings, steps, provenance["sourceHash"]
 
 
 def write_report(

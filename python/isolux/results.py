@@ -24,6 +24,7 @@ from .atomic_file import replace_atomically
 from .errors import SceneError
 from .output_fields import MeshOutput, OutputField, PrimvarLayout, scene_adaptation
 from .scene_description import SceneDescription
+from .schedule import steps_record
 from .solution import ProgressiveStage, Solution
 
 # Stage metadata that a stage takes from its root layer alone.
@@ -96,7 +97,6 @@ class ResultsWriter:
             "sourceHash": scene.source_hash,
             "timeCode": scene.time_code,
         }
-        self._photons: list[int] = []
         self._meshes: list[MeshOutput] = []
         self._layer = Sdf.Layer.CreateAnonymous(".usda")
         self._root = self._compose_root(stage)
@@ -123,7 +123,7 @@ class ResultsWriter:
                         self._write_primvar(mesh.path, field, layout, values, time_code)
                     elif self._double_sided:
                         self._block_primvar(mesh.path, field)
-            self._write_report(solution.stage)
+            self._write_report(solution)
         try:
             if self._flattened:
                 _export(self._flattened, self._flattened_file)
@@ -238,20 +238,20 @@ class ResultsWriter:
                 prim, name, Sdf.ValueTypeNames.Color3fArray
             ).default = Sdf.ValueBlock()
 
-    def _write_report(self, stage: ProgressiveStage) -> None:
+    def _write_report(self, solution: Solution) -> None:
+        stage = solution.stage
         prim = self._layer.GetPrimAtPath(self._report_prim)
         for field, (name, value_type) in REPORT_ATTRIBUTES.items():
             path = self._report_prim.AppendProperty(name)
             if not self._layer.GetAttributeAtPath(path):
                 Sdf.AttributeSpec(prim, name, value_type, Sdf.VariabilityVarying, True)
             self._layer.SetTimeSample(path, float(stage.index), getattr(stage, field))
-        self._photons.append(stage.photons)
         self._layer.customLayerData = {
             "isolux": _layer_value(
                 {
                     **self._provenance,
                     "reportPrim": str(self._report_prim),
-                    "photonsPerStage": self._photons,
+                    "steps": steps_record(solution.steps),
                 }
             )
         }

@@ -17,6 +17,8 @@ from .errors import SettingsError
 from .plugin_registration import SOLVER_API, require_schema
 
 FilterInterval = Literal["corrected", "paper"]
+Method = Literal["auto", "composite", "dept", "ddl+idept", "ddl+hpr"]
+OutputMode = Literal["vertex", "refined"]
 
 
 def _number(default: float, minimum: float, maximum: float = math.inf) -> Any:
@@ -27,6 +29,9 @@ def _number(default: float, minimum: float, maximum: float = math.inf) -> Any:
 class SolverSettings:
     """Settings of one run of the solver. Raises SettingsError for a value out of its range.
 
+    method : the solver's components: the composite, photons alone, or direct lighting with photons
+        or with radiosity for the indirect light; auto: radiosity below 500 polygons unless photons
+        bound the run, else the composite
     target_error : relative RMS error of the illuminance at which to stop; 0.05, not 5 %
     time_budget : s of solving after which to stop
     photons : number of emitted photons at which to stop
@@ -35,11 +40,16 @@ class SolverSettings:
     filter_accuracy : relative deviation at which a filter support stops growing
     filter_sharing : d_f, fraction of the support radius within which vertices share a value
     filter_interval : confidence interval of a photon count, corrected or as in the paper
+    output_mode : vertex: the meshes as they are; refined: with the adaptive mesh of direct lighting
+    subdivision_threshold : difference of brightness along an edge that is worth a split, as a
+        fraction of the brightness of a surface of the luminance to which an observer adapts
+    subdivision_iterations : of the adaptive mesh
     crease_angle : degrees between adjacent faces above which an edge without authored normals
         is a crease
     threads : 0 for all processors; no attribute of a stage, since it belongs to the machine
     """
 
+    method: Method = field(default="auto", metadata={"choices": get_args(Method)})
     target_error: float = _number(0.05, 0.0, 1.0)
     time_budget: float = _number(0.0, 0.0)
     photons: int = _number(0, 0)
@@ -50,6 +60,9 @@ class SolverSettings:
     filter_interval: FilterInterval = field(
         default="corrected", metadata={"choices": get_args(FilterInterval)}
     )
+    output_mode: OutputMode = field(default="vertex", metadata={"choices": get_args(OutputMode)})
+    subdivision_threshold: float = _number(0.1, 0.001, 10.0)
+    subdivision_iterations: int = _number(3, 0, 8)
     crease_angle: float = _number(40.0, 0.0, 180.0)
     threads: int = _number(0, 0)
 

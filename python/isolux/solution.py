@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from .errors import SceneError
 from .scene_description import SceneDescription
+from .schedule import StagePlan
 
 # Rec. 709 luminance weights: the light's colour is scaled so that these give lumens.
 LUMINANCE_WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
@@ -19,15 +20,20 @@ class ProgressiveStage:
     """One progressive stage as the report, the results layer and `isolux info` tell it.
 
     index : 1, 2, ...; the integer time code of the stage
-    component : which part of the solver made it, such as "DEPT"
+    component : which part of the solver made it: DEPT, DDL, IDEPT, gather or HPR
     photons : photons emitted so far
-    rays : rays traced so far
-    elements : mesh elements (triangles)
-    elapsed : s, solving so far: tracing and filtering, without reading, building and writing
-    rms_error, rms_error_indirect : estimated relative RMS error of the written illuminance,
-        area-weighted, bias of the filter included
-    bucket_rms_error, bucket_rms_error_indirect : of the unfiltered buckets [Volevich 2000, Eq. 5]
+    rays : rays traced so far by photons
+    shadow_rays : by direct lighting
+    indirect_rays : by the gather or by radiosity
+    elements : mesh elements (triangles), those of the adaptive mesh where there is one
+    elapsed : s, solving so far, without reading, building and writing
+    rms_error, rms_error_indirect : estimated relative RMS error of the written illuminance at the
+        vertices, area-weighted, bias of the filter included; nan where it can't be told yet
+    bucket_rms_error, bucket_rms_error_indirect : of the unfiltered buckets [Volevich 2000, Eq. 5];
+        nan without photons
     batch_rms_error : of the unfiltered buckets, from independent batches of photons
+    switchover_time, switchover_photons : T1, s and photons, when direct lighting began; 0 before
+    second_switchover_time : T2, s, when direct lighting was complete; 0 before
     absorbed, back_absorbed, escaped : photons that ended at a front, at the back of a one-sided
         mesh, or outside; their sum is photons
     """
@@ -36,6 +42,8 @@ class ProgressiveStage:
     component: str
     photons: int
     rays: int
+    shadow_rays: int
+    indirect_rays: int
     elements: int
     elapsed: float
     rms_error: float
@@ -43,6 +51,9 @@ class ProgressiveStage:
     bucket_rms_error: float
     bucket_rms_error_indirect: float
     batch_rms_error: float
+    switchover_time: float
+    switchover_photons: int
+    second_switchover_time: float
     absorbed: int
     back_absorbed: int
     escaped: int
@@ -66,10 +77,10 @@ class MeshLayout:
 class RefinedMesh:
     """The adaptive mesh: the elements' triangles, split along edges where light needs it.
 
-    Vertices are the scene's V illumination vertices, then S split vertices, each on the line between
-    two vertices before it, so that linear interpolation from its parents gives any function of the
-    coarser mesh unchanged. A later mesh of the same run begins with all split vertices of an earlier
-    one.
+    Vertices are the scene's V illumination vertices, then S split vertices, each on the line
+    between two vertices before it, so that linear interpolation from its parents gives any
+    function of the coarser mesh unchanged. A later mesh of the same run begins with all split
+    vertices of an earlier one.
 
     vertex_count : V
     split_parents : (S, 2) int32, the two vertices between which each split vertex lies
@@ -115,11 +126,15 @@ class RefinedMesh:
 class Solution:
     """Illuminance of all meshes after one progressive stage.
 
-    direct, indirect : (V, 3) float32, lx by channel (linear Rec. 709; the luminance-weighted
+    Arrays have an entry a vertex: V of the scene, then S where the mesh is refined.
+
+    direct, indirect : (V + S, 3) float32, lx by channel (linear Rec. 709; the luminance-weighted
         sum of the channels is the photometric illuminance)
-    relative_deviation : (V,) float32, of the total; 0.05, not 5 %
-    support_radius : (V,) float32, m, of the indirect light's filter
+    relative_deviation : (V + S,) float32, of the total; 0.05, not 5 %
+    support_radius : (V,) float32, m, of the indirect light's filter; 0 where there was none
     vertex_areas : (V,) float64, m^2, area that each vertex stands for
+    refined : the adaptive mesh; None: the elements as they are
+    steps : what the run did so far, by counts: `ProgressiveSolver.stages` replays it
     """
 
     stage: ProgressiveStage
@@ -130,6 +145,8 @@ class Solution:
     relative_deviation: NDArray[np.float32]
     support_radius: NDArray[np.float32]
     vertex_areas: NDArray[np.float64]
+    refined: RefinedMesh | None = None
+    steps: tuple[StagePlan, ...] = ()
 
     def layout(self, path: str) -> MeshLayout:
         """Layout of the mesh at `path`. Raises SceneError where no such mesh was solved."""

@@ -16,14 +16,16 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from . import __version__
+from .core_scene import require_light_and_surface
 from .errors import IsoluxError, SceneError, SettingsError
 from .interrupt import StopRequest, stop_on_signal
-from .report import PhaseSeconds, write_report
+from .report import PhaseSeconds, read_replay, write_report
 from .results import ResultsWriter
 from .scene_description import SceneDescription
+from .schedule import StagePlan
 from .settings import SolverSettings, settings_from_stage
 from .solution import ProgressiveStage
-from .solver import ProgressiveSolver, SolveProgress, require_light_and_surface
+from .solver import ProgressiveSolver, SolveProgress
 from .stage_reader import read_stage
 from .tables import findings_summary, new_console, percent, scene_summary, stage_table
 
@@ -34,11 +36,13 @@ def solve_stage(
     options: dict[str, Any],
     time_code: float | None,
     report: Path | None,
+    replay: Path | None = None,
 ) -> Signals | None:
     """Solve the stage at `source` and write each progressive stage to `output`.
 
     options : fields of SolverSettings that override the stage's own
     report : JSON file to write at the end
+    replay : results of an earlier run, to be made again by its settings and counts
     returns : the signal that ended the run early, after the stage in progress was written
     raises : IsoluxError; KeyboardInterrupt at a second signal
     """
@@ -52,6 +56,9 @@ def solve_stage(
 
     started = time.perf_counter()
     stage, scene, own_settings = read_source(source, time_code)
+    steps: tuple[StagePlan, ...] = ()
+    if replay is not None:
+        own_settings, steps = _replayed(replay, scene, options, messages)
     settings = override_settings(own_settings, options)
     read_seconds = time.perf_counter() - started
     messages.print(f"{source}: {scene_summary(scene)}", soft_wrap=True)
@@ -62,7 +69,7 @@ def solve_stage(
     writer = ResultsWriter(stage, output, scene, provenance)
     solver = ProgressiveSolver(scene, settings)
     with stop_on_signal() as stop:
-        stages, write_seconds = _solve_and_write(solver, writer, output, stop, messages)
+        stages, write_seconds = _solve_and_write(solver, writer, output, stop, messages, steps)
         late_findings = solver.findings()
         if late_findings:
             messages.print(findings_summary(late_findings))
@@ -111,6 +118,20 @@ def override_settings(settings: SolverSettings, options: dict[str, Any]) -> Solv
     return replace(settings.with_budget(**budget), **given)
 
 
+def _replayed(
+    results: Path, scene: SceneDescription, options: dict[str, Any], messages: Console
+) -> tuple[SolverSettings, tuple[StagePlan, ...]]:
+    """Settings and steps of an earlier run; only the threads may be given anew."""
+    given = [name for name, value in options.items() if value is not None and name != "threads"]
+    if given:
+        names = ", ".join("--" + name.replace("_", "-") for name in given)
+        raise SettingsError("--replay", f"{names} beside it", "no other setting than --threads")
+    settings, steps, source_hash = read_replay(results)
+    if source_hash != scene.source_hash:
+        messages.print(f"{results}: the stage has changed since, so its light may differ")
+    return settings, steps
+
+
 def require_place(path: Path) -> None:
     """Raise SceneError where a file can't be written: before the work, not after."""
     if path.is_dir():
@@ -139,15 +160,15 @@ def _solve_and_write(
     output: Path,
     stop: StopRequest,
     messages: Console,
+    replay: Sequence[StagePlan],
 ) -> tuple[list[ProgressiveStage], float]:
     """The stages that were written, and the seconds of writing them."""
     stages: list[ProgressiveStage] = []
     write_seconds = 0.0
     try:
         with _StageDisplay(messages, solver.settings, stop) as display:
-            for solution in solver.stages(display.update, lambda: stop.signal is not None):
-                if solution.stage.photons == 0:  # stopped before it began
-                    break
+            stopped = lambda: stop.signal is not None  # noqa: E731
+            for solution in solver.stages(display.update, stopped, replay):
                 started = time.perf_counter()
                 writer.write(solution)
                 write_seconds += time.perf_counter() - started
@@ -186,7 +207,11 @@ class _StageDisplay:
         """Show how far the run has come."""
         if not self._live:
             return
-        parts = [f"stage {progress.stage}{self._of_stages}", f"{progress.photons:,} photons"]
+        parts = [
+            f"stage {progress.stage}{self._of_stages}",
+            progress.component,
+            f"{progress.photons:,} photons",
+        ]
         if progress.rms_error is not None:
             parts.append(f"RMS error {percent(progress.rms_error)}")
         if self._stop.signal is not None:
@@ -200,7 +225,8 @@ class _StageDisplay:
         """Say that a stage is written."""
         if not self._live:
             self._console.print(
-                f"stage {stage.index}{self._of_stages}: {stage.photons:,} photons, "
+                f"stage {stage.index}{self._of_stages}: {stage.component}, "
+                f"{stage.photons:,} photons, "
                 f"RMS error {percent(stage.rms_error)}, {stage.elapsed:.2f} s",
                 soft_wrap=True,
             )

@@ -1,13 +1,14 @@
-"""The progressive solver: orders the compiled components and yields a solution a stage.
+"""The composite progressive solver: orders the components and yields a solution a stage.
 
-So far DEPT alone [Volevich 2000, §3.1.3]: photon tracing, filtered for each stage.
+[Volevich 2000, §3.2-3.3]: photons first (DEPT), then at T1 deterministic direct lighting in place
+of the photons' (DDL), and from T2 on the indirect light until a stopping criterion is met.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,12 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd
 
-from . import _core
-from .errors import SceneError
-from .scene_description import Finding, GoniometricDiagram, SceneDescription
-from .schedule import StageGoal, stage_goals
-from .settings import SolverSettings, settings_from_stage
-from .solution import MeshLayout, ProgressiveStage, Solution
+from .components import (
+    Array,
+    BucketErrors,
+    Cancelled,
+    DirectLight,
+    PhotonTracing,
+    photometric,
+    root_mean_square,
+)
+from .composite import steps
+from .core_scene import build_core_scene, mesh_layouts, require_light_and_surface
+from .scene_description import Finding, SceneDescription
+from .schedule import Component, StageGoal, StagePlan
+from .settings import Method, SolverSettings, settings_from_stage
+from .solution import ProgressiveStage, Solution
 from .stage_reader import read_stage
 
 # Photons are traced in calls of about this long, so that a cancelled run stops soon.
@@ -28,6 +38,8 @@ CHUNK_SECONDS = 0.1
 FIRST_CHUNK_PHOTONS = 1 << 12
 # A one-sided mesh is taken to be turned inside out where so many photons met it, mostly its back.
 INSIDE_OUT_PHOTONS = 100
+# Below so many polygons radiosity is the faster way to the indirect light [Volevich 2000, §3.2].
+RADIOSITY_POLYGONS = 500
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +47,7 @@ class SolveProgress:
     """How far a run has come.
 
     stage : index of the stage in progress
+    component : that is at work
     photons : emitted so far
     rms_error : of the last complete stage; None before it
     elapsed : s of solving so far
@@ -43,6 +56,7 @@ class SolveProgress:
     """
 
     stage: int
+    component: str
     photons: int
     rms_error: float | None
     elapsed: float
@@ -50,12 +64,62 @@ class SolveProgress:
     fraction: float
 
 
+def chosen_method(scene: SceneDescription, settings: SolverSettings) -> Method:
+    """What `auto` means for a scene [Volevich 2000, §3.2]."""
+    if settings.method != "auto":
+        return settings.method
+    polygons = sum(len(m.face_vertex_counts) - len(m.hole_faces) for m in scene.meshes)
+    return "ddl+hpr" if polygons < RADIOSITY_POLYGONS and settings.photons == 0 else "composite"
+
+
+@dataclass(slots=True)
+class _Illumination:
+    """What the last step left; errors are absolute, lx.
+
+    direct, indirect : (V, 3)
+    direct_error, indirect_error : (V,), standard errors
+    support_radius : (V,) m
+    direct_rms, indirect_rms : area-weighted RMS errors; nan: not known
+    total_rms : where it is known better than from its parts
+    """
+
+    direct: Array
+    indirect: Array
+    direct_error: Array
+    indirect_error: Array
+    support_radius: Array
+    direct_rms: float = math.nan
+    indirect_rms: float = math.nan
+    total_rms: float | None = None
+
+    @staticmethod
+    def dark(vertices: int) -> _Illumination:
+        colours = np.zeros((vertices, 3), np.float32)
+        scalars = np.zeros(vertices, np.float32)
+        return _Illumination(colours, colours, scalars, scalars, scalars)
+
+    @property
+    def relative_deviation(self) -> Array:
+        """Of the total; 1 where there is no light."""
+        total = photometric(self.direct + self.indirect)
+        error = np.hypot(self.direct_error, self.indirect_error)
+        return np.divide(error, total, out=np.ones_like(total), where=total > 0)
+
+
+@dataclass(frozen=True, slots=True)
+class _Watch:
+    """The caller's eye on a run."""
+
+    on_progress: Callable[[SolveProgress], None] | None
+    cancelled: Callable[[], bool]
+
+
 class ProgressiveSolver:
     """Solves one scene; the tree is built on construction.
 
     scene : what was read of a stage
-    settings : stopping criteria, filter, threads
-    clock : s; decides which photon counts a time budget allows, and nothing else
+    settings : method, stopping criteria, filter, threads
+    clock : s; decides which counts the switchover and a time budget choose, and nothing else
     raises : SceneError where the scene has no mesh or no luminaire
     """
 
@@ -69,51 +133,72 @@ class ProgressiveSolver:
         require_light_and_surface(scene)
         self.scene = scene
         self.settings = settings
+        self.method = chosen_method(scene, settings)
+        self.reflects = any(bool(np.any(mesh.reflectance > 0)) for mesh in scene.meshes)
+        self.elapsed = 0.0
+        self.radiosity_finished = False
         self._clock = clock
         self._threads = settings.threads or -1  # all
         self._core_scene = build_core_scene(scene, settings, self._threads)
-        self._layouts = _mesh_layouts(scene, self._core_scene)
+        self._layouts = mesh_layouts(scene, self._core_scene)
         self._areas: NDArray[np.float64] = self._core_scene.vertex_areas
-        self._buckets = _core.PhotonBuckets(self._core_scene)
-        self._filter = _core.IlluminationFilter(self._core_scene)
-        self._photons = 0
-        self._elapsed = 0.0
-        self._filter_seconds = 0.0
+        self._photons = PhotonTracing(self._core_scene, settings, self._threads)
+        self._direct = DirectLight(self._core_scene, settings, self._threads)
+        self._light = _Illumination.dark(len(self._areas))
+        self._bucket_errors = BucketErrors()
+        self._steps: list[StagePlan] = []
+        self._switchover = (0.0, 0, 0.0)  # T1 in s and photons, T2 in s
+        self._indirect_rays = 0
+        self._finishing: dict[str, float] = {}  # s, of each component's last step
+        self._watch = _Watch(None, lambda: False)
+        self._index = 0
+        self._error: float | None = None
         self.build_seconds = clock() - started
+
+    @property
+    def photons(self) -> int:
+        """Emitted so far."""
+        return self._photons.emitted
+
+    @property
+    def indirect_error(self) -> float:
+        """Relative RMS error of the indirect light as it stands; nan: not known."""
+        return self._relative(self._light.indirect_rms, self._light.indirect)
 
     def stages(
         self,
         on_progress: Callable[[SolveProgress], None] | None = None,
         cancelled: Callable[[], bool] = lambda: False,
+        replay: Sequence[StagePlan] = (),
     ) -> Iterator[Solution]:
         """Yield one solution a progressive stage until a stopping criterion is met.
 
         on_progress : called several times a second
-        cancelled : once true, the photons traced so far make the last stage
+        cancelled : once true, what was computed so far makes the last stage
+        replay : the steps of an earlier run (`Solution.steps`), to be made again by its counts
         """
-        error: float | None = None
-        index = 0
-        for goal in stage_goals(self.settings):
-            # A stage that filtering would take most of the time to is left out.
-            time_to_goal = goal.seconds - self._elapsed
-            if self._photons > 0 and not goal.last and time_to_goal < 1.5 * self._filter_seconds:
-                continue
-            self._trace_until(goal, error, on_progress, cancelled)
-            index += 1
-            solution = self._solution(index)
-            error = solution.stage.rms_error
-            yield solution
-            # An inactive target of 0 is not met by an error of 0, such as that of a dark stage.
-            target = self.settings.target_error
-            target_met = goal.may_stop and target > 0 and error <= target
-            if target_met or cancelled():
+        self._watch = _Watch(on_progress, cancelled)
+        for step in replay or steps(self.method, self):
+            try:
+                self._carry_out(step)
+            except Cancelled:
+                if self._steps and not self._steps[-1].shown:
+                    yield self._solution(self._steps[-1].component)
                 return
+            if step.component == "DEPT" and self.photons == 0:  # stopped before it began
+                return
+            self._steps.append(step)
+            if step.shown or cancelled():
+                solution = self._solution(step.component)
+                yield solution
+                if cancelled() or (not replay and self._target_met(step, solution.stage)):
+                    return
 
     def findings(self) -> tuple[Finding, ...]:
         """What the photons found out about the stage, beside `scene.findings`."""
-        hits = self._buckets.hit_counts
+        hits = self._photons.buckets.hit_counts
         fronts = np.array([hits[self._layouts[m.path].front].sum() for m in self.scene.meshes])
-        backs = np.array(self._buckets.ends["back_hits"])
+        backs = np.array(self._photons.buckets.ends["back_hits"])
         inside_out = (backs > fronts) & (backs + fronts >= INSIDE_OUT_PHOTONS)
         return tuple(
             Finding(
@@ -126,80 +211,149 @@ class ProgressiveSolver:
             for i in np.flatnonzero(inside_out)
         )
 
-    def _trace_until(
-        self,
-        goal: StageGoal,
-        error: float | None,
-        on_progress: Callable[[SolveProgress], None] | None,
-        cancelled: Callable[[], bool],
-    ) -> None:
-        """Trace photons until the goal, leaving time for the filter."""
-        chunk = FIRST_CHUNK_PHOTONS
-        deadline = goal.seconds - self._filter_seconds
-        while self._photons < goal.photons and not cancelled():
-            started = self._clock()
-            count = int(min(chunk, goal.photons - self._photons))
-            _core.trace_photons(
-                self._core_scene,
-                self._buckets,
-                self.settings.seed,
-                self._photons,
-                count,
-                self._threads,
-            )
-            seconds = max(self._clock() - started, 1e-6)
-            self._photons += count
-            self._elapsed += seconds
-            if on_progress is not None:
-                on_progress(self._progress(goal, error))
-            if self._elapsed >= deadline:
-                return
-            chunk_seconds = min(CHUNK_SECONDS, deadline - self._elapsed)
-            chunk = max(1, int(count * min(4.0, chunk_seconds / seconds)))
+    # What the order of steps depends on: composite.Run.
 
-    def _progress(self, goal: StageGoal, error: float | None) -> SolveProgress:
+    def trace_until(self, goal: StageGoal, component: Component) -> None:
+        """Emit photons until the goal, with time left for the component to use them."""
+        chunk = FIRST_CHUNK_PHOTONS
+        while self.photons < goal.photons and not self._watch.cancelled():
+            started = self._clock()
+            count = int(min(chunk, goal.photons - self.photons))
+            self._photons.trace(count)
+            seconds = max(self._clock() - started, 1e-6)
+            self.elapsed += seconds
+            self._show_progress(component, goal.photons)
+            time_left = goal.seconds - self.finishing_seconds(component) - self.elapsed
+            if time_left <= 0:
+                return
+            chunk = max(1, int(count * min(4.0, min(CHUNK_SECONDS, time_left) / seconds)))
+
+    def finishing_seconds(self, component: Component) -> float:
+        """How long the component will take to turn photons into illuminance, s."""
+        return self._finishing.get(component, 0.0)
+
+    def first_iteration_seconds(self) -> float:
+        """T_i0, s, of direct lighting, estimated."""
+        started = self._clock()
+        self._finishing["DDL"] = self._direct.estimated_seconds(self._clock)
+        self.elapsed += self._clock() - started
+        return self._finishing["DDL"]
+
+    def _carry_out(self, step: StagePlan) -> None:
+        """Make one step by its counts."""
+        self.trace_until(StageGoal(step.photons, math.inf, False), step.component)
+        started = self._clock()
+        before = self.elapsed
+        carry_out = {
+            "DEPT": self._filter_all,
+            "DDL": self._light_directly,
+            "IDEPT": self._filter_indirect,
+        }[step.component]
+        carry_out(step)
+        self.elapsed = before + self._clock() - started
+        self._finishing[step.component] = self._clock() - started
+        if step.component == "DDL":
+            t1, photons, _ = self._switchover
+            self._switchover = (t1 or before, photons or step.photons, self.elapsed)
+
+    def _filter_all(self, step: StagePlan) -> None:
+        """DEPT: direct and indirect light of the photons."""
+        filtered, self._bucket_errors = self._photons.filtered()
+        light = self._light
+        light.direct, light.indirect = filtered.direct, filtered.indirect
+        light.direct_error = filtered.direct_deviation * photometric(light.direct)
+        light.indirect_error = filtered.indirect_deviation * photometric(light.indirect)
+        light.support_radius = filtered.support_radius
+        light.indirect_rms = filtered.rms_error_indirect * self._mean(light.indirect)
+        light.total_rms = filtered.rms_error * self._mean(light.direct + light.indirect)
+
+    def _light_directly(self, step: StagePlan) -> None:
+        """DDL: direct light that replaces the photons'."""
+        light = self._light
+        light.direct, light.direct_error = self._direct.at_vertices(
+            light.indirect, lambda share: self._working("DDL")
+        )
+        light.direct_rms = root_mean_square(light.direct_error, self._areas)
+        light.total_rms = None
+        if not self.reflects:
+            light.indirect_rms = 0.0
+
+    def _filter_indirect(self, step: StagePlan) -> None:
+        """IDEPT: the photons' indirect light beside deterministic direct light."""
+        filtered, self._bucket_errors = self._photons.filtered()
+        light = self._light
+        light.indirect = filtered.indirect
+        light.indirect_error = filtered.indirect_deviation * photometric(light.indirect)
+        light.support_radius = filtered.support_radius
+        light.indirect_rms = filtered.rms_error_indirect * self._mean(light.indirect)
+
+    def _target_met(self, step: StagePlan, stage: ProgressiveStage) -> bool:
+        settings = self.settings
+        if settings.target_error == 0 or not stage.rms_error <= settings.target_error:
+            return False
+        if step.component != "DEPT":
+            return step.component != "DDL"
+        # Photons alone: the early stages cost next to nothing, and their error is uncertain.
+        bounded = settings.photons > 0 or settings.time_budget > 0
+        return self.method == "dept" and (bounded or stage.index >= settings.stages)
+
+    def _working(self, component: Component) -> None:
+        """In the midst of a step. Raises Cancelled where the caller asked to stop."""
+        if self._watch.cancelled():
+            raise Cancelled
+        self._show_progress(component, self.photons)
+
+    def _show_progress(self, component: Component, photons_of_stage: float) -> None:
+        if self._watch.on_progress is None:
+            return
         settings = self.settings
         shares = [0.0]
         if settings.photons > 0:
-            shares.append(self._photons / settings.photons)
+            shares.append(self.photons / settings.photons)
         if settings.time_budget > 0:
-            shares.append(self._elapsed / settings.time_budget)
-        if settings.target_error > 0 and error:
+            shares.append(self.elapsed / settings.time_budget)
+        if settings.target_error > 0 and self._error:
             # The error falls with the root of the photon count at most.
-            goal_before = max(1.0, goal.photons / 2)
-            needed = goal_before * max(1.0, (error / settings.target_error) ** 2)
-            shares.append(self._photons / max(needed, self._photons))
+            goal_before = max(1.0, photons_of_stage / 2)
+            needed = goal_before * max(1.0, (self._error / settings.target_error) ** 2)
+            shares.append(self.photons / max(needed, self.photons))
         fraction = min(1.0, max(shares))
-        time_left = self._elapsed * (1 / fraction - 1) if fraction > 0 else None
-        return SolveProgress(goal.index, self._photons, error, self._elapsed, time_left, fraction)
+        time_left = self.elapsed * (1 / fraction - 1) if fraction > 0 else None
+        self._watch.on_progress(
+            SolveProgress(
+                self._index + 1, component, self.photons, self._error, self.elapsed, time_left,
+                fraction,
+            )
+        )  # fmt: skip
 
-    def _solution(self, index: int) -> Solution:
-        """Filter what was traced so far into the solution of one stage."""
-        started = self._clock()
-        settings = self.settings
-        filtered = self._filter.filter(
-            self._core_scene,
-            self._buckets,
-            settings.filter_accuracy,
-            settings.filter_sharing,
-            settings.filter_interval == "paper",
-            self._threads,
-        )
-        self._filter_seconds = self._clock() - started
-        self._elapsed += self._filter_seconds
-        ends = self._buckets.ends
+    def _solution(self, component: Component) -> Solution:
+        """The light as it stands, as the next progressive stage."""
+        self._index += 1
+        light = self._light
+        total_rms = light.total_rms
+        if total_rms is None:
+            total_rms = math.hypot(light.direct_rms, light.indirect_rms)
+        error = self._relative(total_rms, light.direct + light.indirect)
+        self._error = None if math.isnan(error) else error
+        ends = self._photons.buckets.ends
+        t1, t1_photons, t2 = self._switchover
         stage = ProgressiveStage(
-            index=index,
-            component="DEPT",
+            index=self._index,
+            component=component,
             photons=ends["emitted"],
             rays=ends["rays"],
+            shadow_rays=self._direct.shadow_rays,
+            indirect_rays=self._indirect_rays,
             elements=self._core_scene.element_count,
-            elapsed=self._elapsed,
-            rms_error=filtered["rms_error"],
-            rms_error_indirect=filtered["rms_error_indirect"],
-            bucket_rms_error=filtered["bucket_rms_error"],
-            bucket_rms_error_indirect=filtered["bucket_rms_error_indirect"],
-            batch_rms_error=filtered["batch_rms_error"],
+            elapsed=self.elapsed,
+            rms_error=error,
+            rms_error_indirect=self.indirect_error,
+            bucket_rms_error=self._bucket_errors.total,
+            bucket_rms_error_indirect=self._bucket_errors.indirect,
+            batch_rms_error=self._bucket_errors.batch,
+            switchover_time=t1,
+            switchover_photons=t1_photons,
+            second_switchover_time=t2,
             absorbed=ends["absorbed"],
             back_absorbed=ends["back_absorbed"],
             escaped=ends["escaped"],
@@ -208,12 +362,24 @@ class ProgressiveSolver:
             stage=stage,
             scene=self.scene,
             layouts=self._layouts,
-            direct=filtered["direct"],
-            indirect=filtered["indirect"],
-            relative_deviation=filtered["relative_deviation"],
-            support_radius=filtered["support_radius"],
+            direct=light.direct,
+            indirect=light.indirect,
+            relative_deviation=light.relative_deviation,
+            support_radius=light.support_radius,
             vertex_areas=self._areas,
+            steps=tuple(self._steps),
         )
+
+    def _mean(self, illuminance: Array) -> float:
+        """Area-weighted photometric mean, lx."""
+        total = float(self._areas.sum())
+        return float(self._areas @ photometric(illuminance)) / total if total > 0 else 0.0
+
+    def _relative(self, rms: float, illuminance: Array) -> float:
+        mean = self._mean(illuminance)
+        if mean == 0 and not math.isnan(rms):
+            return 0.0
+        return rms / mean if mean > 0 else math.nan
 
 
 def solve(
@@ -236,68 +402,3 @@ def solve(
             opened = stage if isinstance(stage, Usd.Stage) else Usd.Stage.Open(str(stage))
             settings = settings_from_stage(opened)
     yield from ProgressiveSolver(scene, settings).stages()
-
-
-def require_light_and_surface(scene: SceneDescription, subject: str = "stage") -> None:
-    """Raise SceneError where there is nothing to light, or nothing that gives light.
-
-    subject : the stage's name for the message
-    """
-    skipped = ", ".join(
-        sorted({finding.kind for finding in scene.findings if finding.action == "skipped"})
-    )
-    but = f" (skipped: {skipped})" if skipped else ""
-    if not scene.meshes:
-        raise SceneError(subject, f"no mesh to light{but}", "at least one visible polygon mesh")
-    if not scene.luminaires:
-        raise SceneError(
-            subject,
-            f"no luminaire{but}",
-            "at least one visible SphereLight, DiskLight, RectLight or CylinderLight",
-        )
-
-
-def build_core_scene(
-    scene: SceneDescription, settings: SolverSettings, threads: int
-) -> _core.Scene:
-    """The compiled scene: meshes tessellated, the ray tracing tree built by so many threads."""
-    builder = _core.SceneBuilder(math.radians(settings.crease_angle))
-    for mesh in scene.meshes:
-        builder.add_mesh(
-            mesh.points,
-            mesh.face_vertex_counts,
-            mesh.face_vertex_indices,
-            mesh.corner_normals,
-            mesh.hole_faces,
-            mesh.reflectance,
-            mesh.double_sided,
-            mesh.flip_winding,
-        )
-    for luminaire in scene.luminaires:
-        builder.add_luminaire(
-            luminaire.shape,
-            luminaire.origin,
-            luminaire.axes,
-            luminaire.size,
-            luminaire.colour,
-            luminaire.luminous_flux,
-            _candela_distribution(luminaire.diagram),
-        )
-    return builder.build(threads)
-
-
-def _candela_distribution(
-    diagram: GoniometricDiagram | None,
-) -> _core.CandelaDistribution | None:
-    if diagram is None:
-        return None
-    return _core.CandelaDistribution(diagram.gamma, diagram.c_angles, diagram.candela)
-
-
-def _mesh_layouts(scene: SceneDescription, core_scene: _core.Scene) -> dict[str, MeshLayout]:
-    return {
-        mesh.path: MeshLayout(slice(begin, middle), slice(middle, end), corner_vertices)
-        for mesh, (begin, middle, end, corner_vertices) in zip(
-            scene.meshes, core_scene.mesh_ranges, strict=True
-        )
-    }

@@ -1,0 +1,176 @@
+"""The compiled components as the solver orders them: photons, direct lighting, gather, radiosity.
+
+They never call each other: the solver hands the arrays of one to the next. Arrays have an entry an
+illumination vertex, V of them; illuminance is lx by channel (linear Rec. 709).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core
+from .settings import SolverSettings
+from .solution import LUMINANCE_WEIGHTS
+
+# Error relative to the total illuminance at which shadow rays stop [Volevich 2000, §3.1.1].
+DIRECT_ACCURACY = 0.01
+# Receivers a call: how soon a cancelled run stops.
+RECEIVERS_AT_ONCE = 1 << 14
+# One in so many vertices is lit to learn what all will take.
+TIMED_SHARE = 32
+
+Array = NDArray[np.float32]
+
+
+class Cancelled(Exception):  # noqa: N818 (no error: a request)
+    """The caller asked to stop in the midst of a component."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilteredLight:
+    """Photons filtered, and how far that is from the truth.
+
+    direct, indirect : (V, 3)
+    direct_deviation, indirect_deviation : (V,) relative
+    support_radius : (V,) m, of the indirect light
+    rms_error, rms_error_indirect : estimated, relative, bias of the filter included
+    """
+
+    direct: Array
+    indirect: Array
+    direct_deviation: Array
+    indirect_deviation: Array
+    support_radius: Array
+    rms_error: float
+    rms_error_indirect: float
+
+
+@dataclass(frozen=True, slots=True)
+class BucketErrors:
+    """Relative RMS errors of unfiltered buckets: from counts [Volevich 2000, Eq. 5], by batches."""
+
+    total: float = np.nan
+    indirect: float = np.nan
+    batch: float = np.nan
+
+
+class PhotonTracing:
+    """Density estimation photon tracing, DEPT [Volevich 2000, §3.1.3]."""
+
+    def __init__(self, scene: _core.Scene, settings: SolverSettings, threads: int) -> None:
+        self._scene = scene
+        self._settings = settings
+        self._threads = threads
+        self._filter: _core.IlluminationFilter | None = None
+        self.buckets = _core.PhotonBuckets(scene)
+        self.emitted = 0
+
+    def trace(self, count: int) -> None:
+        """Emit so many more photons."""
+        _core.trace_photons(
+            self._scene, self.buckets, self._settings.seed, self.emitted, count, self._threads
+        )
+        self.emitted += count
+
+    def filtered(self) -> tuple[FilteredLight, BucketErrors]:
+        """The light of all photons so far [Volevich 2000, Appendix A]."""
+        if self._filter is None:
+            self._filter = _core.IlluminationFilter(self._scene)
+        settings = self._settings
+        found = self._filter.filter(
+            self._scene,
+            self.buckets,
+            settings.filter_accuracy,
+            settings.filter_sharing,
+            settings.filter_interval == "paper",
+            self._threads,
+        )
+        light = FilteredLight(
+            direct=found["direct"],
+            indirect=found["indirect"],
+            direct_deviation=found["direct_relative_deviation"],
+            indirect_deviation=found["indirect_relative_deviation"],
+            support_radius=found["support_radius"],
+            rms_error=found["rms_error"],
+            rms_error_indirect=found["rms_error_indirect"],
+        )
+        errors = BucketErrors(
+            found["bucket_rms_error"], found["bucket_rms_error_indirect"], found["batch_rms_error"]
+        )
+        return light, errors
+
+
+class DirectLight:
+    """Deterministic direct lighting, DDL, at points [Volevich 2000, §3.1.1]."""
+
+    def __init__(self, scene: _core.Scene, settings: SolverSettings, threads: int) -> None:
+        self._lighting = _core.DirectLighting(scene, settings.seed, DIRECT_ACCURACY)
+        self._threads = threads
+        self._positions: NDArray[np.float64] = scene.receiver_positions
+        self._normals: Array = scene.vertex_normals
+        self.shadow_rays = 0
+
+    def estimated_seconds(self, clock: Callable[[], float] = time.perf_counter) -> float:
+        """T_i0, s: what all vertices will take, by lighting a few of them.
+
+        Departure: the paper estimates it from the pilot's ray rate and a guess of the shadow rays;
+        with many luminaires most are culled, which no guess knows.
+        """
+        few = slice(0, None, TIMED_SHARE)
+        started = clock()
+        self._lighting.illuminate(
+            np.ascontiguousarray(self._positions[few]),
+            np.ascontiguousarray(self._normals[few]),
+            np.zeros(0, np.float32),
+            self._threads,
+        )
+        return (clock() - started) * len(self._positions) / max(1, len(self._positions[few]))
+
+    def at_vertices(
+        self, indirect: Array, on_share: Callable[[float], None]
+    ) -> tuple[Array, Array]:
+        """Direct illuminance at all vertices, (V, 3), and its standard error, (V,) lx.
+
+        indirect : (V, 3), zeros where it isn't known
+        on_share : called with the share that is done; may raise Cancelled
+        """
+        return self.at_points(self._positions, self._normals, indirect, on_share)
+
+    def at_points(
+        self,
+        positions: NDArray[np.float64],
+        normals: Array,
+        indirect: Array,
+        on_share: Callable[[float], None],
+    ) -> tuple[Array, Array]:
+        """The same at other points, m, world space, that receive light on the side of normals."""
+        count = len(positions)
+        illuminance = np.zeros((count, 3), np.float32)
+        standard_error = np.zeros(count, np.float32)
+        seen = photometric(indirect)
+        for first in range(0, count, RECEIVERS_AT_ONCE):
+            block = slice(first, min(first + RECEIVERS_AT_ONCE, count))
+            found = self._lighting.illuminate(
+                positions[block], normals[block], seen[block], self._threads
+            )
+            illuminance[block] = found["illuminance"]
+            standard_error[block] = found["standard_error"]
+            self.shadow_rays += found["shadow_rays"]
+            on_share(block.stop / count)
+        return illuminance, standard_error
+
+
+def photometric(illuminance: Array) -> Array:
+    """(n,) lx of (n, 3) colours."""
+    return illuminance @ LUMINANCE_WEIGHTS.astype(np.float32)
+
+
+def root_mean_square(values: Array, areas: NDArray[np.float64]) -> float:
+    """Area-weighted, of (V,) values."""
+    total = areas.sum()
+    return float(np.sqrt(areas @ values.astype(np.float64) ** 2 / total)) if total > 0 else 0.0

@@ -1,0 +1,129 @@
+"""The order of the components for each method, and when one gives way to the next.
+
+composite [Volevich 2000, §3.2-3.3]: photons until T1, direct lighting until T2, then the indirect
+light until a stopping criterion is met.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Protocol
+
+from .schedule import Component, StageGoal, StagePlan, stage_goals
+from .settings import Method, SolverSettings
+from .switchover import pilot_seconds, switchover_photons
+
+# Rays of a gather for each photon emitted so far.
+GATHER_RAYS_PER_PHOTON = 1.0
+# Rays of the first progressive stage of radiosity; they double from stage to stage.
+FIRST_RADIOSITY_RAYS = 1 << 14
+
+
+class Run(Protocol):
+    """What the order depends on of the run in progress."""
+
+    settings: SolverSettings
+    reflects: bool  # some surface does
+    elapsed: float  # s
+    radiosity_finished: bool
+
+    @property
+    def photons(self) -> int:
+        """Emitted so far."""
+
+    @property
+    def indirect_error(self) -> float:
+        """Relative RMS error of the indirect light as it stands; nan: not known."""
+
+    def trace_until(self, goal: StageGoal, component: Component) -> None:
+        """Emit photons until the goal, with time left for the component to use them."""
+
+    def finishing_seconds(self, component: Component) -> float:
+        """How long the component will take to turn photons into illuminance, s."""
+
+    def first_iteration_seconds(self) -> float:
+        """T_i0, s, of direct lighting, estimated."""
+
+
+def steps(method: Method, run: Run) -> Iterator[StagePlan]:
+    """The steps of a method; each is carried out before the next is asked for."""
+    if method == "dept":
+        yield from _photon_steps(run, "DEPT", run.settings.stages)
+        return
+    late_stages = run.settings.stages - _direct_stages(run.settings)
+    if method == "composite" and run.reflects:
+        yield from _start(run, late_stages - 1)
+        late_stages = max(1, late_stages - 2)
+        if not _time_for_direct(run):
+            yield from _photon_steps(run, "DEPT", 1)
+            return
+    yield from _direct_steps(run)
+    if not run.reflects:
+        return
+    if method == "ddl+hpr":
+        yield from _radiosity_steps(run)
+    else:
+        late: Component = "IDEPT"
+        yield from _photon_steps(run, late, max(1, late_stages))
+
+
+def _start(run: Run, room: int) -> Iterator[StagePlan]:
+    """Photons until T1. room : how many stages there may be."""
+    bound = run.settings.photons or math.inf
+    first_iteration = run.first_iteration_seconds()
+    before = run.elapsed
+    run.trace_until(StageGoal(bound, before + pilot_seconds(first_iteration), False), "DEPT")
+    pilot, pilot_photons = run.elapsed - before, run.photons
+    yield StagePlan("DEPT", run.photons, shown=room >= 2)
+    until = switchover_photons(pilot_photons, pilot, run.indirect_error, first_iteration)
+    if min(until, bound) > run.photons:
+        seconds = run.settings.time_budget or math.inf
+        run.trace_until(StageGoal(min(until, bound), seconds, False), "DEPT")
+        yield StagePlan("DEPT", run.photons, shown=room >= 1)
+
+
+def _time_for_direct(run: Run) -> bool:
+    budget = run.settings.time_budget
+    return budget == 0 or run.elapsed + run.finishing_seconds("DDL") <= budget
+
+
+def _direct_stages(settings: SolverSettings) -> int:
+    return 1 + (settings.subdivision_iterations if settings.output_mode == "refined" else 0)
+
+
+def _direct_steps(run: Run) -> Iterator[StagePlan]:
+    """Direct lighting at the vertices, then iterations of the adaptive mesh."""
+    count = _direct_stages(run.settings)
+    for iteration in range(count):
+        last = iteration == count - 1
+        # One stage has to be left for the indirect light.
+        shown = run.settings.stages > count - iteration or (last and not run.reflects)
+        yield StagePlan("DDL", run.photons, iteration=iteration, shown=shown)
+
+
+def _photon_steps(run: Run, component: Component, stages: int) -> Iterator[StagePlan]:
+    """Photons whose light the component makes ever more of, until a stopping criterion."""
+    for goal in stage_goals(run.settings, stages):
+        if not goal.last:
+            # A stage that would take longer to finish than to trace is left out, and so is one
+            # that is all but reached.
+            finishing = run.finishing_seconds(component)
+            if goal.seconds - run.elapsed < 1.5 * finishing:
+                continue
+            if goal.photons < 1.25 * run.photons:
+                continue
+        run.trace_until(goal, component)
+        yield StagePlan(component, run.photons, _gather_rays(run, component))
+
+
+def _gather_rays(run: Run, component: Component) -> int:
+    return math.ceil(GATHER_RAYS_PER_PHOTON * run.photons) if component == "gather" else 0
+
+
+def _radiosity_steps(run: Run) -> Iterator[StagePlan]:
+    rays = FIRST_RADIOSITY_RAYS
+    budget = run.settings.time_budget or math.inf
+    while not run.radiosity_finished and run.elapsed < budget:
+        yield StagePlan("HPR", rays=rays)
+        rays *= 2

@@ -1,0 +1,77 @@
+"""The compiled scene of what was read of a stage."""
+
+from __future__ import annotations
+
+import math
+
+from . import _core
+from .errors import SceneError
+from .scene_description import GoniometricDiagram, SceneDescription
+from .settings import SolverSettings
+from .solution import MeshLayout
+
+
+def require_light_and_surface(scene: SceneDescription, subject: str = "stage") -> None:
+    """Raise SceneError where there is nothing to light, or nothing that gives light.
+
+    subject : the stage's name for the message
+    """
+    skipped = ", ".join(
+        sorted({finding.kind for finding in scene.findings if finding.action == "skipped"})
+    )
+    but = f" (skipped: {skipped})" if skipped else ""
+    if not scene.meshes:
+        raise SceneError(subject, f"no mesh to light{but}", "at least one visible polygon mesh")
+    if not scene.luminaires:
+        raise SceneError(
+            subject,
+            f"no luminaire{but}",
+            "at least one visible SphereLight, DiskLight, RectLight or CylinderLight",
+        )
+
+
+def build_core_scene(
+    scene: SceneDescription, settings: SolverSettings, threads: int
+) -> _core.Scene:
+    """The compiled scene: meshes tessellated, the ray tracing tree built by so many threads."""
+    builder = _core.SceneBuilder(math.radians(settings.crease_angle))
+    for mesh in scene.meshes:
+        builder.add_mesh(
+            mesh.points,
+            mesh.face_vertex_counts,
+            mesh.face_vertex_indices,
+            mesh.corner_normals,
+            mesh.hole_faces,
+            mesh.reflectance,
+            mesh.double_sided,
+            mesh.flip_winding,
+        )
+    for luminaire in scene.luminaires:
+        builder.add_luminaire(
+            luminaire.shape,
+            luminaire.origin,
+            luminaire.axes,
+            luminaire.size,
+            luminaire.colour,
+            luminaire.luminous_flux,
+            _candela_distribution(luminaire.diagram),
+        )
+    return builder.build(threads)
+
+
+def _candela_distribution(
+    diagram: GoniometricDiagram | None,
+) -> _core.CandelaDistribution | None:
+    if diagram is None:
+        return None
+    return _core.CandelaDistribution(diagram.gamma, diagram.c_angles, diagram.candela)
+
+
+def mesh_layouts(scene: SceneDescription, core_scene: _core.Scene) -> dict[str, MeshLayout]:
+    """Where each mesh's vertices lie in the arrays of the compiled scene, by prim path."""
+    return {
+        mesh.path: MeshLayout(slice(begin, middle), slice(middle, end), corner_vertices)
+        for mesh, (begin, middle, end, corner_vertices) in zip(
+            scene.meshes, core_scene.mesh_ranges, strict=True
+        )
+    }

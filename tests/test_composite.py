@@ -1,0 +1,111 @@
+"""The order of the components, told by the counts of each step, without a scene."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import pytest
+
+from isolux.composite import steps
+from isolux.schedule import StageGoal
+from isolux.settings import SolverSettings
+
+PHOTONS_A_SECOND = 1_000_000
+
+
+@dataclass
+class SimulatedRun:
+    """A run whose clock is its photon count: what the order sees of a solver."""
+
+    settings: SolverSettings
+    reflects: bool = True
+    first_iteration: float = 1.0
+    elapsed: float = 0.0
+    photons: int = 0
+    radiosity_finished: bool = False
+    finishing: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def indirect_error(self):
+        return 100 / math.sqrt(max(1, self.photons))
+
+    def trace_until(self, goal: StageGoal, component):
+        seconds = goal.seconds - self.finishing_seconds(component) - self.elapsed
+        photons = min(goal.photons - self.photons, max(0.0, seconds) * PHOTONS_A_SECOND)
+        self.photons += round(photons)
+        self.elapsed += photons / PHOTONS_A_SECOND
+
+    def finishing_seconds(self, component):
+        return self.finishing.get(component, 0.0)
+
+    def first_iteration_seconds(self):
+        self.finishing["DDL"] = self.first_iteration
+        return self.first_iteration
+
+
+def made(method, run):
+    out = []
+    for step in steps(method, run):
+        if step.component == "DDL":
+            run.elapsed += run.first_iteration
+        out.append(step)
+    return out
+
+
+def shown(all_steps):
+    return [step.component for step in all_steps if step.shown]
+
+
+@pytest.mark.parametrize(
+    ("stages", "expected"),
+    [
+        (8, ["DEPT", "DEPT", "DDL"] + 5 * ["gather"]),
+        (4, ["DEPT", "DEPT", "DDL", "gather"]),
+        (3, ["DEPT", "DDL", "gather"]),
+        (2, ["DDL", "gather"]),
+        (1, ["gather"]),
+    ],
+)
+def test_the_composite_goes_from_photons_to_direct_to_indirect_light(stages, expected):
+    settings = SolverSettings(stages=stages, target_error=0, photons=64_000_000)
+    every = made("composite", SimulatedRun(settings))
+    assert shown(every) == expected
+    assert [s.component for s in every][:3] == ["DEPT", "DEPT", "DDL"]
+    photons = [step.photons for step in every]
+    assert photons == sorted(photons)
+    assert photons[-1] == 64_000_000
+
+
+def test_t1_comes_when_the_first_iteration_could_be_done():
+    settings = SolverSettings(target_error=0, photons=64_000_000)
+    run = SimulatedRun(settings, first_iteration=0.3)
+    direct = next(s for s in steps("composite", run) if s.component == "DDL")
+    assert direct.photons == pytest.approx(0.3 * PHOTONS_A_SECOND, rel=1e-6)
+
+
+def test_a_refined_run_shows_each_iteration_of_the_mesh():
+    settings = SolverSettings(
+        output_mode="refined", subdivision_iterations=2, target_error=0, photons=10**8
+    )
+    every = made("composite", SimulatedRun(settings))
+    assert shown(every) == ["DEPT", "DEPT", "DDL", "DDL", "DDL", "gather", "gather", "gather"]
+    assert [step.iteration for step in every if step.component == "DDL"] == [0, 1, 2]
+
+
+def test_without_reflection_direct_light_is_all():
+    run = SimulatedRun(SolverSettings(), reflects=False)
+    assert [step.component for step in made("composite", run)] == ["DDL"]
+    assert run.photons == 0
+
+
+def test_a_budget_too_short_for_direct_lighting_goes_to_photons():
+    run = SimulatedRun(SolverSettings(target_error=0, time_budget=2.0), first_iteration=5.0)
+    every = made("composite", run)
+    assert {step.component for step in every} == {"DEPT"}
+    assert run.elapsed == pytest.approx(2.0)
+
+
+def test_stages_that_could_not_be_finished_in_time_are_left_out():
+    run = SimulatedRun(SolverSettings(target_error=0, time_budget=8.0), finishing={"DEPT": 0.9})
+    assert [step.photons for step in steps("dept", run)] == [1_100_000, 3_100_000, 7_100_000]

@@ -42,9 +42,9 @@ from numpy.typing import NDArray
 from solve_runs import phase_seconds, run_solve, seconds_of
 
 from isolux import _core, _ray_rate
+from isolux.core_scene import build_core_scene
 from isolux.scene_description import SceneDescription
 from isolux.settings import SolverSettings
-from isolux.core_scene import build_core_scene
 from isolux.stage_reader import read_stage
 
 ROOT = Path(__file__).parents[1]

@@ -187,3 +187,21 @@ def test_reflectance_is_by_face_where_it_is_given_so():
     on_floor = (one.scene.vertex_normals == (0, 0, 1)).all(axis=1)
     assert on_floor.sum() == 4
     assert one.hits[on_floor, 1].sum() == 0
+
+
+@pytest.mark.parametrize("shape", [icosphere(3), icosphere(3).flipped(), box((1, 1, 1), 0.25)])
+def test_no_receiver_lies_behind_an_element_that_it_receives_for(shape):
+    """On a convex body the middle of the elements around a vertex lies inside."""
+    description = surface(shape, double_sided=True)
+    scene = built(description)
+    begin, back, _, corner_vertices = scene.mesh_ranges[0]
+    corners = corner_vertices.reshape(len(shape.counts), -1)
+    p = shape.points[shape.indices].reshape(*corners.shape, 3)
+    normals = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    edge = np.linalg.norm(p[:, 1] - p[:, 0], axis=1).max()
+    for side, first in ((1, begin), (-1, back)):
+        receivers = scene.receiver_positions[first + corners]
+        heights = side * ((receivers - p) * normals[:, None]).sum(axis=-1)
+        assert heights.min() > -1e-12
+        assert heights.max() < edge / 64

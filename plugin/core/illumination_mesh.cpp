@@ -267,6 +267,30 @@ std::vector<Receiver> vertex_receivers(const IlluminationMesh& mesh) {
         const double area = mesh.areas[v];
         out[v] = {area > 0.0 ? p + (middles[v] * (1.0 / area) - p) * kInset : p, mesh.normals[v]};
     }
+
+    // The middle lies within a convex body: lifted in front of all elements around.
+    constexpr double kLeastCosine = 0.1; // between vertex and element; bounds the lift
+    std::vector<double> lifts(out.size());
+    for (const MeshElement& element : mesh.elements) {
+        const Surface& surface = mesh.surfaces[static_cast<std::size_t>(element.surface)];
+        const auto [a, b, c] = element.vertices;
+        const Vec3d& p = mesh.positions[a];
+        const Vec3d front = normalize(cross(mesh.positions[b] - p, mesh.positions[c] - p));
+        const auto lift = [&](std::int32_t v, const Vec3d& normal) {
+            const double depth = -dot(out[v].position - mesh.positions[v], normal);
+            const double cosine = dot(out[v].normal.as<double>(), normal);
+            lifts[v] = std::max(lifts[v], depth / std::max(cosine, kLeastCosine));
+        };
+        for (const std::int32_t v : element.vertices) {
+            lift(v, front);
+            if (surface.back_offset >= 0) {
+                lift(v + surface.back_offset, -front);
+            }
+        }
+    }
+    for (std::size_t v = 0; v < out.size(); ++v) {
+        out[v].position += out[v].normal.as<double>() * lifts[v];
+    }
     return out;
 }
 

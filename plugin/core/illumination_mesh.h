@@ -58,8 +58,8 @@ struct IlluminationMesh {
 };
 
 // Where each vertex samples light: a little towards the middle of the elements around it, so that a
-// vertex in a corner of the room doesn't lie in the plane of the other wall. The normal is zero
-// where all elements around are degenerate: no light is defined there.
+// vertex in a corner of the room doesn't lie in the plane of the other wall; never behind one of
+// them. The normal is zero where all elements around are degenerate: no light is defined there.
 std::vector<Receiver> vertex_receivers(const IlluminationMesh& mesh);
 
 } // namespace isolux

@@ -1,4 +1,5 @@
 // Rays among triangles, and triangles of polygons.
+#include <memory>
 #include <stdexcept>
 
 #include <tbb/parallel_for.h>
@@ -50,6 +51,24 @@ nb::tuple closest_hits(const RayCaster& caster, const In3<double>& origins,
                           hand_over(std::move(distances)));
 }
 
+Out<bool> occluded(const RayCaster& caster, const In3<double>& origins,
+                   const In3<double>& targets) {
+    const auto from = view(origins);
+    const auto to = view(targets);
+    require_same_length(from.size(), to.size());
+    auto out = std::make_unique<bool[]>(from.size()); // std::vector<bool> has no array of bool
+    {
+        nb::gil_scoped_release release;
+        tbb::parallel_for(std::size_t{0}, from.size(), [&](std::size_t i) {
+            const Ray ray{(from[i] - caster.origin()).as<float>(), (to[i] - from[i]).as<float>()};
+            out[i] = caster.occluded(ray, 1.0F);
+        });
+    }
+    bool* values = out.release(); // freed by the capsule
+    nb::capsule owner(values, [](void* p) noexcept { delete[] static_cast<bool*>(p); });
+    return Out<bool>(values, {from.size()}, owner);
+}
+
 nb::tuple triangulate_faces(const In3<double>& points, const In1<std::int32_t>& counts,
                             const In1<std::int32_t>& indices, const In1<std::int32_t>& hole_faces,
                             bool flip_winding) {
@@ -75,7 +94,10 @@ void bind_ray_caster(nb::module_& module) {
              "origins : (n, 3) float64, metres, world space\n"
              "directions : (n, 3) float32, of any length\n"
              "returns : triangle (n,) int32, -1 where nothing is hit; barycentrics (n, 2) float32, "
-             "weights of the vertices 1 and 2; distance (n,) float32, in lengths of the direction");
+             "weights of the vertices 1 and 2; distance (n,) float32, in lengths of the direction")
+        .def("occluded", &occluded, "origins"_a, "targets"_a,
+             "origins, targets : (n, 3) float64, metres, world space\n"
+             "returns : (n,) bool, whether a triangle lies between");
     module.def("triangulate", &triangulate_faces, "points"_a, "face_vertex_counts"_a,
                "face_vertex_indices"_a, "hole_faces"_a, "flip_winding"_a,
                "Triangles of polygon faces; holes and faces without area give none.\n\n"

@@ -195,7 +195,9 @@ class ProgressiveSolver:
                     return
 
     def findings(self) -> tuple[Finding, ...]:
-        """What the photons found out about the stage, beside `scene.findings`."""
+        """What photons find out about the stage, beside `scene.findings`."""
+        if self.photons == 0:  # a method without them
+            self._photons.trace(FIRST_CHUNK_PHOTONS)
         hits = self._photons.buckets.hit_counts
         fronts = np.array([hits[self._layouts[m.path].front].sum() for m in self.scene.meshes])
         backs = np.array(self._photons.buckets.ends["back_hits"])

@@ -1,5 +1,7 @@
 """What is written per mesh: one row a primvar, and where its values sit on the mesh.
 
+The mesh is the authored one, or its refinement.
+
 Interpolation: a primvar is `vertex` where all corners of each mesh point agree, which leaves one
 value a point. Where creases or the reflectances of faces part them it is `faceVarying` with
 indices: one value an illumination vertex as time samples, the indices once.
@@ -7,7 +9,7 @@ indices: one value an illumination vertex as time samples, the indices once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._core import adaptation_luminance, tone_map
+from .refined_topology import RefinedTopology
 from .scene_description import MeshDescription
-from .solution import LUMINANCE_WEIGHTS, MeshLayout, Solution
+from .solution import LUMINANCE_WEIGHTS, MeshLayout, RefinedMesh, Solution
 
 Interpolation = Literal["vertex", "faceVarying"]
 
@@ -26,24 +29,58 @@ class PrimvarLayout:
     """Where the values of a primvar come from and how they sit on the mesh.
 
     interpolation : "vertex": one value a mesh point; "faceVarying": indices point to the values
-    vertices : (N,) int32, illumination vertex of each value, counted from the start of the
-        mesh's range; -1: no surface there, the value is 0
+    front : (N,) int32, vertex of the solution of each value; -1: no surface there, the value is 0
+    back : the same of the mesh's back; None for a one-sided mesh
     reflectance : (N, 3) or (1, 3) float32, linear Rec. 709, of each value
     indices : (C,) int32, value of each face corner; None for "vertex"
     """
 
     interpolation: Interpolation
-    vertices: NDArray[np.int32]
+    front: NDArray[np.int32]
+    back: NDArray[np.int32] | None
     reflectance: NDArray[np.float32]
     indices: NDArray[np.int32] | None
 
-    def gather(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Values of one side of the mesh, (V,) or (V, 3), as the primvar's N values."""
-        if len(values) == 0:
-            return np.zeros((len(self.vertices), *values.shape[1:]), np.float32)
-        gathered = values[self.vertices]
-        gathered[self.vertices < 0] = 0.0
-        return gathered
+    def gather(self, illuminance: VertexIlluminance) -> PrimvarValues:
+        """The solution's part of this mesh, as the primvar's N values."""
+        direct, indirect = illuminance.direct, illuminance.indirect
+        back = None
+        if self.back is not None:
+            back = _pick(direct, self.back) + _pick(indirect, self.back)
+        return PrimvarValues(
+            direct=_pick(direct, self.front),
+            indirect=_pick(indirect, self.front),
+            back=back,
+            relative_deviation=_pick(illuminance.relative_deviation, self.front),
+            reflectance=self.reflectance,
+            adaptation_luminance=illuminance.adaptation_luminance,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class VertexIlluminance:
+    """A progressive stage at all vertices of a solution, kept until all stages are written.
+
+    time_code : of the stage
+    direct, indirect, relative_deviation : as in `Solution`
+    adaptation_luminance : cd/m^2, of the whole scene
+    """
+
+    time_code: float
+    direct: NDArray[np.float32]
+    indirect: NDArray[np.float32]
+    relative_deviation: NDArray[np.float32]
+    adaptation_luminance: float
+
+    def on(self, refined: RefinedMesh) -> VertexIlluminance:
+        """The same on a mesh with more split vertices."""
+        return VertexIlluminance(
+            self.time_code,
+            refined.interpolate(self.direct),
+            refined.interpolate(self.indirect),
+            refined.interpolate(self.relative_deviation),
+            self.adaptation_luminance,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,85 +165,144 @@ OUTPUT_FIELDS = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class MeshCorners:
+    """The face corners to write on.
+
+    points : (C,) int32, point of each corner
+    point_count : P
+    faces : (C,) int32, authored face of each corner
+    front : (C,) int32, vertex of the solution at each corner; -1 at corners of holes
+    back : the same of the back; None for a one-sided mesh
+    """
+
+    points: NDArray[np.int32]
+    point_count: int
+    faces: NDArray[np.int32]
+    front: NDArray[np.int32]
+    back: NDArray[np.int32] | None
+
+    @classmethod
+    def of_authored(cls, mesh: MeshDescription, layout: MeshLayout) -> MeshCorners:
+        corners = layout.corner_vertices
+        two_sided = layout.back.stop > layout.back.start
+        return cls(
+            points=mesh.face_vertex_indices,
+            point_count=len(mesh.points),
+            faces=_corner_faces(mesh),
+            front=np.where(corners < 0, -1, corners + layout.front.start),
+            back=np.where(corners < 0, -1, corners + layout.back.start) if two_sided else None,
+        )
+
+    @classmethod
+    def of_refined(cls, topology: RefinedTopology) -> MeshCorners:
+        return cls(
+            points=topology.indices,
+            point_count=topology.point_count,
+            faces=np.repeat(topology.faces, 3),
+            front=topology.front,
+            back=topology.back,
+        )
+
+
 class MeshOutput:
     """The primvars of one mesh, stage after stage on the same layouts.
 
-    mesh : as it was read
-    layout : as it was solved
+    path : prim path
+    reflectance : (F, 3) or (1, 3) float32, linear Rec. 709, of its authored faces
+    corners : where to write
     """
 
-    def __init__(self, mesh: MeshDescription, layout: MeshLayout) -> None:
-        self.path = mesh.path
-        self._reflectance = _vertex_reflectance(mesh, layout)
-        crease = _primvar_layout(mesh, layout.corner_vertices, np.zeros(1, np.int64))
+    def __init__(self, path: str, reflectance: NDArray[np.float32], corners: MeshCorners) -> None:
+        self.path = path
+        crease = _primvar_layout(corners, reflectance, np.zeros(1, np.int64))
         by_reflectance = crease
-        if len(mesh.reflectance) > 1:
-            _, kinds = np.unique(mesh.reflectance, axis=0, return_inverse=True)
-            by_reflectance = _primvar_layout(mesh, layout.corner_vertices, kinds.ravel())
+        if len(reflectance) > 1:
+            _, kinds = np.unique(reflectance, axis=0, return_inverse=True)
+            by_reflectance = _primvar_layout(corners, reflectance, kinds.ravel())
         self._layouts = {"crease": crease, "reflectance": by_reflectance}
 
-    def luminance(self, solution: Solution) -> Iterator[tuple[slice, NDArray[np.float64]]]:
-        """Luminance of each side's illumination vertices, cd/m^2, with their range."""
-        layout = solution.layout(self.path)
-        for side in (layout.front, layout.back):
-            illuminance = solution.direct[side] + solution.indirect[side]
-            if len(illuminance):
-                yield side, (illuminance * self._reflectance) @ LUMINANCE_WEIGHTS / np.pi
-
     def primvars(
-        self, solution: Solution, adaptation: float
+        self, illuminance: VertexIlluminance
     ) -> Iterator[tuple[OutputField, PrimvarLayout, NDArray[np.float32] | None]]:
-        """Field, layout and values of each primvar; no values where this mesh hasn't the field.
-
-        adaptation : adaptation luminance of the scene, cd/m^2
-        """
-        values = {
-            split: _gather(solution, self.path, layout, adaptation)
-            for split, layout in self._layouts.items()
-        }
+        """Field, layout and values of each primvar; no values where this mesh hasn't the field."""
+        values = {split: layout.gather(illuminance) for split, layout in self._layouts.items()}
         for field in OUTPUT_FIELDS:
             yield field, self._layouts[field.split], field.values(values[field.split])
 
 
-def scene_adaptation(solution: Solution, meshes: Iterable[MeshOutput]) -> float:
-    """Luminance to which an observer of all lit surfaces adapts, cd/m^2; 0: nothing is lit."""
-    luminance = np.zeros(len(solution.direct))
-    for mesh in meshes:
-        for side, values in mesh.luminance(solution):
-            luminance[side] = values
-    return adaptation_luminance(luminance, solution.vertex_areas)
+class SceneAdaptation:
+    """To which luminance an observer of all lit surfaces adapts, stage after stage."""
+
+    def __init__(
+        self, meshes: Iterable[MeshDescription], layouts: Mapping[str, MeshLayout]
+    ) -> None:
+        self._sides = [
+            (side, _vertex_reflectance(mesh, layout))
+            for mesh in meshes
+            for layout in (layouts[mesh.path],)
+            for side in (layout.front, layout.back)
+            if side.stop > side.start
+        ]
+
+    def luminance(self, solution: Solution) -> float:
+        """cd/m^2; 0: nothing is lit. Split vertices stand for no area of their own."""
+        areas = solution.vertex_areas
+        luminance = np.zeros(len(areas))
+        for side, reflectance in self._sides:
+            illuminance = solution.direct[side] + solution.indirect[side]
+            luminance[side] = (illuminance * reflectance) @ LUMINANCE_WEIGHTS / np.pi
+        return adaptation_luminance(luminance, areas)
 
 
 def _primvar_layout(
-    mesh: MeshDescription, corner_vertices: NDArray[np.int32], face_kinds: NDArray[np.int64]
+    corners: MeshCorners, reflectance: NDArray[np.float32], face_kinds: NDArray[np.int64]
 ) -> PrimvarLayout:
     """One value for each pair of illumination vertex and kind of face.
 
     face_kinds : (F,) or (1,) int64, faces of different kinds never share a value
     """
-    faces = np.repeat(np.arange(len(mesh.face_vertex_counts)), mesh.face_vertex_counts)
-    kinds = face_kinds[faces] if len(face_kinds) > 1 else face_kinds
-    keys = corner_vertices * (kinds.max(initial=0) + 1) + kinds
-    keys[corner_vertices < 0] = -1
-    keys, first_corners, indices = np.unique(keys, return_index=True, return_inverse=True)
-    vertices = corner_vertices[first_corners]
-    reflectance = mesh.reflectance
+    kinds = face_kinds[corners.faces] if len(face_kinds) > 1 else face_kinds
+    keys = corners.front * (kinds.max(initial=0) + 1) + kinds
+    keys[corners.front < 0] = -1
+    _, first_corners, indices = np.unique(keys, return_index=True, return_inverse=True)
     if len(reflectance) > 1:
-        reflectance = reflectance[faces[first_corners]]
+        reflectance = reflectance[corners.faces[first_corners]]
 
     # A point takes the value of any of its corners on the surface; do all the others agree?
-    on_surface = corner_vertices >= 0
-    points = mesh.face_vertex_indices[on_surface]
-    point_values = np.full(len(mesh.points), -1)
+    on_surface = corners.front >= 0
+    points = corners.points[on_surface]
+    point_values = np.full(corners.point_count, -1)
     point_values[points] = indices[on_surface]
     if not np.array_equal(point_values[points], indices[on_surface]):
-        return PrimvarLayout("faceVarying", vertices, reflectance, indices.astype(np.int32))
-    unused = point_values < 0
-    point_vertices = np.full(len(mesh.points), -1, np.int32)
-    point_vertices[~unused] = vertices[point_values[~unused]]
+        front = corners.front[first_corners]
+        back = None if corners.back is None else corners.back[first_corners]
+        return PrimvarLayout("faceVarying", front, back, reflectance, indices.astype(np.int32))
+    used = point_values >= 0
+
+    def at_points(side: NDArray[np.int32]) -> NDArray[np.int32]:
+        vertices = np.full(corners.point_count, -1, np.int32)
+        vertices[used] = side[first_corners[point_values[used]]]
+        return vertices
+
+    front = at_points(corners.front)
+    back = None if corners.back is None else at_points(corners.back)
     if len(reflectance) > 1:
         reflectance = reflectance[point_values]
-    return PrimvarLayout("vertex", point_vertices, reflectance, None)
+    return PrimvarLayout("vertex", front, back, reflectance, None)
+
+
+def _pick(values: NDArray[np.float32], vertices: NDArray[np.int32]) -> NDArray[np.float32]:
+    if len(values) == 0:
+        return np.zeros((len(vertices), *values.shape[1:]), np.float32)
+    picked = values[vertices]
+    picked[vertices < 0] = 0.0
+    return picked
+
+
+def _corner_faces(mesh: MeshDescription) -> NDArray[np.int32]:
+    faces = np.arange(len(mesh.face_vertex_counts), dtype=np.int32)
+    return np.repeat(faces, mesh.face_vertex_counts)
 
 
 def _vertex_reflectance(mesh: MeshDescription, layout: MeshLayout) -> NDArray[np.float64]:
@@ -215,22 +311,7 @@ def _vertex_reflectance(mesh: MeshDescription, layout: MeshLayout) -> NDArray[np
         return mesh.reflectance.astype(np.float64)
     on_surface = layout.corner_vertices >= 0
     vertices = layout.corner_vertices[on_surface]
-    corners = np.repeat(mesh.reflectance, mesh.face_vertex_counts, axis=0)[on_surface]
+    corners = mesh.reflectance[_corner_faces(mesh)[on_surface]]
     size = layout.front.stop - layout.front.start
     sums = [np.bincount(vertices, corners[:, c], size) for c in range(3)]
     return np.stack(sums, axis=1) / np.maximum(np.bincount(vertices, minlength=size), 1)[:, None]
-
-
-def _gather(
-    solution: Solution, path: str, layout: PrimvarLayout, adaptation: float
-) -> PrimvarValues:
-    front, back = solution.layout(path).front, solution.layout(path).back
-    two_sided = back.stop > back.start
-    return PrimvarValues(
-        direct=layout.gather(solution.direct[front]),
-        indirect=layout.gather(solution.indirect[front]),
-        back=layout.gather(solution.direct[back] + solution.indirect[back]) if two_sided else None,
-        relative_deviation=layout.gather(solution.relative_deviation[front]),
-        reflectance=layout.reflectance,
-        adaptation_luminance=adaptation,
-    )

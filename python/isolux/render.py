@@ -6,7 +6,7 @@ traced here. Luminaires are shown as shapes of their mean luminance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from .camera import Camera, framing_candidates, stage_camera
 from .errors import SceneError, SettingsError
 from .luminaire_shapes import luminaire_triangles, mean_luminance
 from .mesh_topology import MeshTopology
+from .refined_results import SOURCE_FACE
 from .scene_description import LuminaireDescription, MeshDescription, SceneDescription
 from .stage_reader import read_stage
 from .visible_surfaces import Surface, VisibleSurfaces
@@ -72,7 +73,7 @@ def render_picture(
     for name, value in (("width", width), ("samples", samples)):
         if value < 1:
             raise SettingsError(name, str(value), "at least 1")
-    scene = _read_solved_scene(stage)
+    scene = _refined_scene(stage, _read_solved_scene(stage))
     last = _last_time(stage, scene)
     time = last if time is None else time
     surfaces = VisibleSurfaces(_surfaces(stage, scene, time))
@@ -147,6 +148,51 @@ def _read_solved_scene(stage: Usd.Stage) -> SceneDescription:
             solved_at = provenance.get("timeCode", solved_at)
             source.MuteLayer(layer.identifier)
     return read_stage(source, solved_at)
+
+
+def _refined_scene(stage: Usd.Stage, scene: SceneDescription) -> SceneDescription:
+    """The scene with the triangles that the results put in place of authored faces."""
+    time = Usd.TimeCode.EarliestTime() if scene.time_code is None else Usd.TimeCode(scene.time_code)
+    transforms = UsdGeom.XformCache(time)
+    meshes = []
+    for mesh in scene.meshes:
+        prim = stage.GetPrimAtPath(mesh.path)
+        parents = UsdGeom.PrimvarsAPI(prim).GetPrimvar(SOURCE_FACE)
+        if parents.HasAuthoredValue():
+            to_world = np.array(transforms.GetLocalToWorldTransform(prim)) * scene.meters_per_unit
+            mesh = _refined_mesh(mesh, UsdGeom.Mesh(prim), np.array(parents.Get()), to_world)
+        meshes.append(mesh)
+    return replace(scene, meshes=tuple(meshes))
+
+
+def _refined_mesh(
+    mesh: MeshDescription,
+    shown: UsdGeom.Mesh,
+    parents: NDArray[np.int32],
+    to_world: NDArray[np.float64],
+) -> MeshDescription:
+    """The mesh as the results show it, each triangle as reflective as the face it is a part of.
+
+    parents : (T,) int32, that face
+    to_world : (4, 4) float64, local space to metres, for row vectors
+    """
+    if parents.max(initial=-1) >= len(mesh.face_vertex_counts):
+        raise SceneError(
+            mesh.path,
+            f"a refinement of face {parents.max()}",
+            f"{len(mesh.face_vertex_counts)} faces; the mesh has changed since `isolux solve`",
+        )
+    points = np.asarray(shown.GetPointsAttr().Get(), np.float64)
+    reflectance = mesh.reflectance
+    return replace(
+        mesh,
+        points=points @ to_world[:3, :3] + to_world[3, :3],
+        face_vertex_counts=np.array(shown.GetFaceVertexCountsAttr().Get()),
+        face_vertex_indices=np.array(shown.GetFaceVertexIndicesAttr().Get()),
+        corner_normals=None,
+        hole_faces=np.zeros(0, np.int32),
+        reflectance=reflectance[parents] if len(reflectance) > 1 else reflectance,
+    )
 
 
 def _surfaces(stage: Usd.Stage, scene: SceneDescription, time: float | None) -> list[Surface]:

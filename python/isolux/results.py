@@ -4,6 +4,10 @@
 layer holds `over`s of the meshes with the primvars of `output_fields`, the solver's report on a
 RenderSettings prim, and in its customLayerData what is needed to replay the run.
 
+Where a solution comes with a refined mesh, the meshes with splits are written as triangles, by
+`refined_results`. All stages share that one topology: those before it are interpolated to it, which
+leaves them the same functions, and written again.
+
 Both files are replaced whole after each stage: whoever opens them meanwhile reads the stages so
 far. The samples of all stages stay in memory, and each stage writes them all again.
 """
@@ -11,7 +15,7 @@ far. The samples of all stages stay in memory, and each stage writes them all ag
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -22,10 +26,20 @@ from pxr import Sdf, Tf, Usd, UsdGeom, UsdRender, Vt
 
 from .atomic_file import replace_atomically
 from .errors import SceneError
-from .output_fields import MeshOutput, OutputField, PrimvarLayout, scene_adaptation
-from .scene_description import SceneDescription
+from .output_fields import (
+    OUTPUT_FIELDS,
+    MeshCorners,
+    MeshOutput,
+    OutputField,
+    PrimvarLayout,
+    SceneAdaptation,
+    VertexIlluminance,
+)
+from .refined_results import write_refined_mesh
+from .refined_topology import RefinedTopology, refined_topologies
+from .scene_description import Finding, SceneDescription
 from .schedule import steps_record
-from .solution import ProgressiveStage, Solution
+from .solution import MeshLayout, ProgressiveStage, RefinedMesh, Solution
 
 # Stage metadata that a stage takes from its root layer alone.
 _ROOT_METADATA = (
@@ -70,6 +84,8 @@ REPORT_ATTRIBUTES = {
 class ResultsWriter:
     """Writes the stages of one solution over one source stage.
 
+    `findings` tells what of the source could not be carried over to the refined mesh as it is.
+
     source : the stage that was solved, or its file
     output : the root layer to make: .usda, .usd or .usdc; its folder must exist
     scene : what was read of the source
@@ -91,13 +107,18 @@ class ResultsWriter:
         self._flattened_file = self._output.with_suffix(".source.usdc")
         self._flattened: Sdf.Layer | None = None
         self._check_output(stage)
+        self._stage = stage
         self._scene = scene
         # Without the time code, a reader couldn't read the source as it was solved.
         self._provenance = dict(provenance) | {
             "sourceHash": scene.source_hash,
             "timeCode": scene.time_code,
         }
-        self._meshes: list[MeshOutput] = []
+        self.findings: list[Finding] = []
+        self._stages: list[VertexIlluminance] = []
+        self._meshes: dict[str, MeshOutput] = {}
+        self._refined: RefinedMesh | None = None
+        self._refined_paths: set[str] = set()
         self._layer = Sdf.Layer.CreateAnonymous(".usda")
         self._root = self._compose_root(stage)
         self._root_written = ""
@@ -110,26 +131,33 @@ class ResultsWriter:
 
         raises : SceneError naming the file that can't be written; the earlier stages stay readable
         """
-        time_code = float(solution.stage.index)
         if not self._meshes:
-            self._meshes = [
-                MeshOutput(mesh, solution.layout(mesh.path)) for mesh in self._scene.meshes
-            ]
-        adaptation = scene_adaptation(solution, self._meshes)
+            for mesh in self._scene.meshes:
+                corners = MeshCorners.of_authored(mesh, solution.layout(mesh.path))
+                self._meshes[mesh.path] = MeshOutput(mesh.path, mesh.reflectance, corners)
+            self._adaptation = SceneAdaptation(self._scene.meshes, solution.layouts)
+        stage = VertexIlluminance(
+            float(solution.stage.index),
+            solution.direct,
+            solution.indirect,
+            solution.relative_deviation,
+            self._adaptation.luminance(solution),
+        )
         with Sdf.ChangeBlock():
-            for mesh in self._meshes:
-                for field, layout, values in mesh.primvars(solution, adaptation):
-                    if values is not None:
-                        self._write_primvar(mesh.path, field, layout, values, time_code)
-                    elif self._double_sided:
-                        self._block_primvar(mesh.path, field)
+            if solution.refined is not None:
+                self._refine(solution.refined, solution.layouts)
+            elif self._refined is not None:
+                stage = stage.on(self._refined)
+            self._stages.append(stage)
+            for output in self._meshes.values():
+                self._write_primvars(output, stage)
             self._write_report(solution)
         try:
             if self._flattened:
                 _export(self._flattened, self._flattened_file)
                 self._flattened = None
             _export(self._layer, self._results)
-            self._write_root(time_code)
+            self._write_root(stage.time_code)
         except SceneError:
             if not self._output.exists():  # then nothing points to the other files
                 self._results.unlink(missing_ok=True)
@@ -201,6 +229,63 @@ class ResultsWriter:
         self._root.pseudoRoot.SetInfo("renderSettingsPrimPath", str(path))
         return path
 
+    def _refine(self, refined: RefinedMesh, layouts: Mapping[str, MeshLayout]) -> None:
+        """Put all stages so far on this refinement."""
+        if refined is self._refined:
+            return
+        self._refined = refined
+        topologies = refined_topologies(
+            self._scene.meshes, layouts, refined, also=self._refined_paths
+        )
+        borrowers = self._borrowers(topologies)
+        if borrowers:
+            topologies = refined_topologies(
+                self._scene.meshes, layouts, refined, also={*topologies, *borrowers}
+            )
+        self._refined_paths = set(topologies)
+        self._stages = [stage.on(refined) for stage in self._stages]
+        self.findings = []
+        for mesh in self._scene.meshes:
+            if mesh.path in topologies:
+                self._write_refined_mesh(mesh.path, topologies[mesh.path])
+                corners = MeshCorners.of_refined(topologies[mesh.path])
+                output = MeshOutput(mesh.path, mesh.reflectance, corners)
+                self._meshes[mesh.path] = output
+                for stage in self._stages:
+                    self._write_primvars(output, stage)
+
+    def _borrowers(self, refined: Container[str]) -> set[str]:
+        """Meshes to which composition would carry the topology of a refined one.
+
+        Those that come by a reference to it within the stage: they have to tell their own.
+        """
+        return {
+            mesh.path
+            for mesh in self._scene.meshes
+            if mesh.path not in refined
+            and any(path in refined for path in _sites(self._stage.GetPrimAtPath(mesh.path)))
+        }
+
+    def _write_refined_mesh(self, path: str, topology: RefinedTopology) -> None:
+        """Replace the mesh's faces, and the primvars that were written for the former ones."""
+        prim = self._layer.GetPrimAtPath(path)
+        for field in OUTPUT_FIELDS:
+            for name in (f"primvars:{field.name}", f"primvars:{field.name}:indices"):
+                if prim and name in prim.attributes:
+                    prim.RemoveProperty(prim.attributes[name])
+        scene_time = self._scene.time_code
+        time = Usd.TimeCode.EarliestTime() if scene_time is None else Usd.TimeCode(scene_time)
+        self.findings += write_refined_mesh(
+            self._layer, self._stage.GetPrimAtPath(path), time, topology
+        )
+
+    def _write_primvars(self, output: MeshOutput, stage: VertexIlluminance) -> None:
+        for field, layout, values in output.primvars(stage):
+            if values is not None:
+                self._write_primvar(output.path, field, layout, values, stage.time_code)
+            elif self._double_sided:
+                self._block_primvar(output.path, field)
+
     def _write_primvar(
         self,
         mesh: str,
@@ -265,6 +350,17 @@ class ResultsWriter:
         if text != self._root_written:
             _export(self._root, self._output)
             self._root_written = text
+
+
+def _sites(prim: Usd.Prim) -> Iterator[str]:
+    """Paths on the stage itself where opinions about a prim may lie, its own among them.
+
+    They may have none yet: the results layer is going to write there.
+    """
+    root = prim.GetStage().GetRootLayer()
+    for arc in Usd.PrimCompositionQuery(prim).GetCompositionArcs():
+        if arc.GetTargetLayer() == root:
+            yield str(arc.GetTargetPrimPath())
 
 
 def _layer_value(value: Any) -> Any:

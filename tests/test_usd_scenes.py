@@ -15,6 +15,7 @@ from usd_scenes.furnace_sphere.generate import generate as generate_furnace_sphe
 from usd_scenes.furnace_sphere.generate import icosphere
 from usd_scenes.office.generate import generate as generate_office
 from usd_scenes.photometry import generate as photometry
+from usd_scenes.spot_room.generate import generate as generate_spot_room
 
 from isolux.stage_reader import read_stage
 
@@ -22,6 +23,7 @@ GENERATORS = {
     "office": lambda path: generate_office(path, density=0.5),
     "furnace_sphere": generate_furnace_sphere,
     "box_room": generate_box_room,
+    "spot_room": generate_spot_room,
 }
 
 # Meshes that bound no solid: walls and panes seen from one side, canvases, the rug.
@@ -99,7 +101,8 @@ def test_solids_are_closed_and_face_outwards(stages: dict[str, Usd.Stage], name:
         assert {(b, a) for a, b in forward} == forward, f"{mesh.GetPath()} has a border"
         p, q, r = points[triangles].transpose(1, 0, 2)
         volume = np.einsum("ij,ij->", p, np.cross(q, r)) / 6
-        inside_out = name != "office"  # the closed rooms are seen from inside
+        # The closed rooms are seen from inside.
+        inside_out = name in ("furnace_sphere", "box_room")
         assert (volume < 0) == inside_out, f"{mesh.GetPath()}: {volume} m^3"
 
 
@@ -146,6 +149,14 @@ def test_the_office_is_complete(stages: dict[str, Usd.Stage]) -> None:
     [camera] = settings.GetRelationship("camera").GetTargets()
     focal_length = UsdGeom.Camera(stage.GetPrimAtPath(camera)).GetFocalLengthAttr().Get()
     assert 24 <= focal_length <= 28  # mm, on a stage in centimetres
+
+
+def test_the_spot_room_is_as_fine_as_the_papers(stages: dict[str, Usd.Stage]) -> None:
+    scene = read_stage(stages["spot_room"])
+    assert scene.findings == ()
+    triangles = sum((mesh.face_vertex_counts - 2).sum() for mesh in scene.meshes)
+    assert triangles == pytest.approx(30_200, rel=0.01)  # [Volevich 2000, §4]
+    assert [light.luminous_flux for light in scene.luminaires] == pytest.approx([450.0] * 8)
 
 
 @pytest.mark.parametrize(("density", "triangles"), [(0.5, 37_500), (1.0, 100_000)])

@@ -64,6 +64,11 @@ double ToneMapping::display_value(double luminance) const {
     return std::clamp(value, 0.0, 1.0);
 }
 
+double ToneMapping::displayed_brightness(double luminance) const {
+    const double value = scale_ * std::pow(luminance, exponent_) - 1.0 / display_contrast;
+    return std::pow(std::max(0.0, value), 1.0 / display_gamma);
+}
+
 double ToneMapping::dark_luminance() const {
     const double darkest = std::pow(1.0 / display_steps, display_gamma);
     return std::pow((darkest + 1.0 / display_contrast) / scale_, 1.0 / exponent_);

@@ -21,6 +21,10 @@ class ToneMapping {
     // Display value in [0, 1], linear (before gamma), of a luminance in cd/m^2.
     double display_value(double luminance) const;
 
+    // The display's value after gamma, in which steps look about alike: 0 black, 1 white. Goes on
+    // above 1, so that what is found good holds for darker exposures as well.
+    double displayed_brightness(double luminance) const;
+
     // Greatest luminance, cd/m^2, that the display still shows as black:
     // its value after gamma is 1 of 255 steps.
     double dark_luminance() const;

@@ -1,0 +1,1 @@
+"""A gallery under spotlights: hard borders of shadows and of pools of light."""

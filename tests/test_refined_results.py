@@ -1,6 +1,7 @@
 """Refined results: shadows finer than the mesh, and nothing else of the stage changed by them."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -96,8 +97,8 @@ class Bake:
         return UsdGeom.Mesh(self.stage.GetPrimAtPath(path))
 
 
-def bake(source, *rounds, **options):
-    output = source.GetRootLayer().realPath.replace(".usda", ".isolux.usda")
+def bake(source, *rounds, name="baked", **options):
+    output = Path(source.GetRootLayer().realPath).with_name(f"{name}.usda")
     return Bake(source, output, *(rounds or ALL_TWICE), **options)
 
 
@@ -372,7 +373,7 @@ def test_animated_meshes_are_refined_as_they_were_when_read(tmp_path):
         later = np.array(POINTS) + (frame - TIME)
         mesh.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy(later.astype(np.float32)), frame)
         primvar.Set(linear(POINTS)[:, 0] + (frame - TIME), frame)
-        faces.Set([int(frame)] * (4 if frame == TIME else 5), frame)
+        faces.Set([int(frame)] * (4 if frame == TIME else 3), frame)
     baked = bake(stage, *SOME)
     assert_readable(baked.stage)
     for frame in (Usd.TimeCode.Default(), TIME, TIME + 1):
@@ -532,12 +533,31 @@ def test_the_same_light_makes_the_same_picture_on_a_finer_mesh(tmp_path, orienta
     mesh = add_mesh(stage, "/World/Mesh", orientation=orientation, doubleSided=True)
     add_primvar(mesh, "displayColor", "Color3fArray", "uniform", COLOURS)
     add_camera(stage, (2, 1.5, 0.5), (2, 1, 12 if side == "front" else -12))
-    coarse = bake(stage, None)
+    coarse = bake(stage, None, name="coarse")
     before = render_picture(coarse.stage, time=1, width=64)
     baked = bake(stage, *SOME)
     after = render_picture(baked.stage, time=1, width=64)
+    assert len(baked.mesh().GetPointsAttr().Get()) > len(POINTS)
     assert after.coverage.mean() == before.coverage.mean() > 0.1
     assert after.rgb == pytest.approx(before.rgb, rel=1e-4, abs=1e-4)
+
+
+def test_each_part_has_the_display_colour_of_its_face(tmp_path):
+    """At the authored points nothing changes, between faces of unlike colours as well."""
+    stage = new_stage(tmp_path)
+    mesh = add_mesh(stage, "/World/Mesh", doubleSided=True)
+    add_primvar(mesh, "displayColor", "Color3fArray", "uniform", COLOURS)
+    coarse, baked = bake(stage, None, name="coarse"), bake(stage, *SOME)
+    shown = []
+    for result in (coarse, baked):
+        mesh = result.mesh()
+        faces = np.repeat(range(4), [len(face) for face in FACES])
+        if result is baked:
+            faces = values_at_corners(mesh, "isolux:sourceFace")
+        places = zip(faces, mesh.GetFaceVertexIndicesAttr().Get(), strict=True)
+        colours = values_at_corners(mesh, "displayColor").tolist()
+        shown.append({place: c for place, c in zip(places, colours, strict=True) if place[1] < 8})
+    assert shown[0] == shown[1]
 
 
 def test_a_shadow_finer_than_the_mesh_shows_in_the_picture(tmp_path):

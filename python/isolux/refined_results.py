@@ -37,19 +37,6 @@ _BLOCKED = (
     "skel:blendShapes",
 )
 _BY_POINT = ("velocities", "accelerations")
-# Value types with a meaningful mean. Quaternions have none by component.
-_BLENDED_TYPES = (
-    "color",
-    "double",
-    "float",
-    "frame",
-    "half",
-    "matrix",
-    "normal",
-    "point",
-    "texCoord",
-    "vector",
-)
 _Types = Sdf.ValueTypeNames
 
 
@@ -142,12 +129,12 @@ class _RefinedPrim:
         if not self._fits(name, count, interpolation):
             self._author(name, type_name, Sdf.ValueBlock())
             return
-        blended = str(type_name).startswith(_BLENDED_TYPES)
+        values = np.asarray(flat)
+        blended = values.dtype.kind == "f" and "Quat" not in type(flat).__name__
         skinned = name.startswith("primvars:skel:")  # weights belong to their joints
         if interpolation == "uniform" or skinned or not blended:
             self._pick_primvar(primvar, interpolation)
             return
-        values = np.asarray(flat)
         carried = self._topology.interpolated(values.reshape(count, -1), interpolation)
         if name == "primvars:normals":
             carried = _unit(carried)

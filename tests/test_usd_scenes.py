@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdLux, UsdValidation
 from usd_scenes.box_room.generate import expected_illuminance as box_illuminance
 from usd_scenes.box_room.generate import generate as generate_box_room
+from usd_scenes.cornell_box.generate import LUMINOUS_FLUX as CORNELL_FLUX
+from usd_scenes.cornell_box.generate import generate as generate_cornell_box
 from usd_scenes.furnace_sphere.generate import expected_illuminance as sphere_illuminance
 from usd_scenes.furnace_sphere.generate import generate as generate_furnace_sphere
 from usd_scenes.furnace_sphere.generate import icosphere
@@ -24,12 +26,14 @@ GENERATORS = {
     "furnace_sphere": generate_furnace_sphere,
     "box_room": generate_box_room,
     "spot_room": generate_spot_room,
+    "cornell_box": generate_cornell_box,
 }
 
-# Meshes that bound no solid: walls and panes seen from one side, canvases, the rug.
+# Meshes that bound no solid: walls and panes seen from one side, canvases, the rug, boxes that
+# stand on the floor without a bottom.
 OPEN_MESHES = {
     *("Floor", "Ceiling", "BackWall", "FrontWall", "RightWall", "LeftWall"),
-    *("Reveals", "Glass", "Canvas", "Rug"),
+    *("Reveals", "Glass", "Canvas", "Rug", "ShortBox", "TallBox"),
 }
 
 
@@ -167,6 +171,15 @@ def test_density_sets_the_number_of_triangles(
     stage = Usd.Stage.Open(str(tmp_path / "office.usdc"))
     counts = [np.array(mesh.GetFaceVertexCountsAttr().Get()) for mesh in meshes(stage)]
     assert sum((count - 2).sum() for count in counts) == pytest.approx(triangles, rel=0.05)
+
+
+def test_the_cornell_box_is_read_whole(stages: dict[str, Usd.Stage]) -> None:
+    scene = read_stage(stages["cornell_box"])
+    assert scene.findings == ()
+    triangles = sum((mesh.face_vertex_counts - 2).sum() for mesh in scene.meshes)
+    assert triangles == pytest.approx(30_000, rel=0.05)
+    [light] = scene.luminaires
+    assert light.luminous_flux == pytest.approx(CORNELL_FLUX, rel=1e-3)
 
 
 def test_expected_values_are_those_of_the_closed_forms() -> None:

@@ -15,8 +15,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import platform
-import subprocess
 import sys
 import tempfile
 import time
@@ -26,28 +24,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench_report import commit, cpu_name, print_table
 from convergence import (
-    INDIRECT,
-    TOTAL,
     CurvePoint,
-    Reference,
     bucket_illuminance,
     error_curve,
-    luminance_pair,
     plot_curve,
     trace,
     write_curve,
 )
 from numpy.typing import NDArray
+from reference import INDIRECT, TOTAL, PathTracedReference, path_traced_reference
 from solve_runs import phase_seconds, run_solve, seconds_of
 
 from isolux import _core, _ray_rate
 from isolux.core_scene import build_core_scene
 from isolux.scene_description import SceneDescription
-from isolux.settings import SolverSettings
+from isolux.settings import Method, SolverSettings
 from isolux.stage_reader import read_stage
 
 ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "build/bench"
 sys.path.insert(0, str(ROOT))  # the scene generators
 from usd_scenes.office.generate import generate  # noqa: E402
 
@@ -66,7 +63,8 @@ class Effort:
     budget : s, of the run whose phases are shown
     filter_photons : of the rows of the filter table
     curve_budget : s, of the runs whose errors are shown
-    reference_factor : photons of a reference over those of the best solution measured by it
+    curve_methods : and whose methods
+    reference_batches : of the path-traced reference
     """
 
     densities: tuple[float, ...]
@@ -75,11 +73,21 @@ class Effort:
     budget: float
     filter_photons: tuple[int, ...]
     curve_budget: float
-    reference_factor: float
+    curve_methods: tuple[Method, ...]
+    reference_batches: int
 
 
-QUICK = Effort((1.0,), 100_000, 5, 2.0, (1 << 15, 1 << 18), 2.0, 4.0)
-FULL = Effort((1.0, 3.45), 200_000, 15, 5.0, tuple(1 << k for k in (14, 16, 18, 20, 22)), 20.0, 8.0)
+QUICK = Effort((1.0,), 100_000, 5, 2.0, (1 << 15, 1 << 18), 2.0, ("composite",), 2)
+FULL = Effort(
+    densities=(1.0, 3.45),
+    slice_rays=200_000,
+    slices=15,
+    budget=5.0,
+    filter_photons=tuple(1 << k for k in (14, 16, 18, 20, 22)),
+    curve_budget=20.0,
+    curve_methods=("composite", "dept"),
+    reference_batches=8,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +104,12 @@ class BenchmarkScene:
         scene = read_stage(path)
         return cls(name, path, scene, build_core_scene(scene, SolverSettings(), threads))
 
+    def reference(self, effort: Effort) -> PathTracedReference:
+        """Of the light at the vertices; kept beside the figures."""
+        return path_traced_reference(
+            self.scene, self.core, batches=effort.reference_batches, cache=FOLDER
+        )
+
 
 def spread(values: NDArray[np.float64]) -> str:
     """Median and quartiles."""
@@ -105,22 +119,6 @@ def spread(values: NDArray[np.float64]) -> str:
 
 def seconds_or_never(seconds: float | None) -> str:
     return "never" if seconds is None else f"{seconds:.2f}"
-
-
-def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A Markdown table; its first column flushed left."""
-    lines = [list(columns), *map(list, rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]
-    print(f"\n{title}\n")
-    for number, line in enumerate(lines):
-        cells = [
-            cell.ljust(width) if i == 0 else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
-        ]
-        print(f"| {' | '.join(cells)} |")
-        if number == 0:
-            print("|" + "|".join("-" * (width + 2) for width in widths) + "|")
-    sys.stdout.flush()
 
 
 def filter_buckets(
@@ -272,25 +270,25 @@ def measure_runs(scenes: Sequence[BenchmarkScene], effort: Effort, threads: int)
 def measure_filter(scene: BenchmarkScene, effort: Effort, threads: int) -> None:
     """True errors of the filter's two intervals beside those of the buckets."""
     core = scene.core
-    reference = Reference(core, int(max(effort.filter_photons) * effort.reference_factor), threads)
+    reference = scene.reference(effort)
     photon_filter = _core.IlluminationFilter(core)
     rows = []
     for photons in effort.filter_photons:
         buckets = trace(core, photons, 0, threads)
-        candidates = [bucket_illuminance(core, buckets)[0]]
+        candidates = [bucket_illuminance(core, buckets)]
         seconds = []
         for paper in (True, False):
             started = time.perf_counter()
             result = filter_buckets(core, buckets, photon_filter, paper, threads)
             seconds.append(time.perf_counter() - started)
-            candidates.append(luminance_pair(result["direct"], result["indirect"]))
+            candidates.append((result["direct"], result["indirect"]))
         rows.append(
             [
                 f"{photons:,}",
                 f"{buckets.hit_counts.sum() / core.vertex_count:.2f}",
-                *(f"{reference.rms_error(c, TOTAL):.1%}" for c in candidates),
+                *(f"{reference.error(*c, TOTAL).rms:.1%}" for c in candidates),
                 f"{result['rms_error']:.1%}",
-                *(f"{reference.rms_error(c, INDIRECT):.1%}" for c in candidates),
+                *(f"{reference.error(*c, INDIRECT).rms:.1%}" for c in candidates),
                 f"{result['rms_error_indirect']:.1%}",
                 *(f"{s:.2f}" for s in seconds),
             ]
@@ -300,8 +298,8 @@ def measure_filter(scene: BenchmarkScene, effort: Effort, threads: int) -> None:
         columns += [f"{part}: buckets", "paper", "corrected", "reported"]
     columns += ["s: paper", "corrected"]
     print_table(
-        f"True RMS error of {scene.name}, by a reference of {reference.photons:,} photons; what "
-        "the corrected filter reports; filter time",
+        f"True RMS error of {scene.name} at its vertices, by path tracing; what the corrected "
+        "filter reports; filter time",
         columns,
         rows,
     )
@@ -319,50 +317,36 @@ def measure_curve(
     settings = settings.with_budget(time_budget=effort.curve_budget)
     points: list[CurvePoint] = []
     for scene in scenes:
-        points += error_curve(
-            scene.name, scene.scene, scene.core, settings, effort.reference_factor
-        )
+        reference = scene.reference(effort)
+        for method in effort.curve_methods:
+            of_method = replace(settings, method=method)
+            points += error_curve(scene.name, scene.scene, reference, of_method)
     rows = [
         [
             point.scene,
+            point.method,
+            point.component,
             f"{point.seconds:.2f}",
             f"{point.photons:,}",
             f"{point.true_error:.1%}",
             f"{point.reported_error:.1%}",
             f"{point.true_error_indirect:.1%}",
             f"{point.reported_error_indirect:.1%}",
-            f"{point.filter_seconds:.2f}",
         ]
         for point in points
     ]
-    columns = ["scene", "s", "photons", "true", "reported", "indirect", "reported", "filter, s"]
+    columns = [
+        *("scene", "method", "made by", "s", "photons", "true", "reported", "indirect", "reported"),
+    ]
     print_table("RMS error over time", columns, rows)
     shown = ("time_budget", "stages", "filter_accuracy", "filter_sharing", "filter_interval")
     with_settings = {
         **provenance,
         "settings": "; ".join(f"{name}={getattr(settings, name)}" for name in shown),
-        "reference_factor": effort.reference_factor,
     }
     write_curve(csv, points, with_settings)
     plot_curve(figure, points, "{cpu}, {threads} threads, commit {commit}".format(**provenance))
     print(f"\n{csv}\n{figure}")
-
-
-def cpu_name() -> str:
-    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-        if line.startswith("model name"):
-            return line.partition(":")[2].strip()
-    return platform.processor()
-
-
-def commit() -> str:
-    """Short hash, with + where files differ from it."""
-
-    def git(*arguments: str) -> str:
-        done = subprocess.run(["git", "-C", ROOT, *arguments], capture_output=True, text=True)
-        return done.stdout.strip()
-
-    return git("rev-parse", "--short", "HEAD") + ("+" if git("status", "--porcelain") else "")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -372,18 +356,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--only", default=",".join(MEASURES), help="measures, comma-separated")
     parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)))
-    parser.add_argument("--reference-factor", type=float, help="photons of references, relative")
-    folder = ROOT / "build/bench"
-    parser.add_argument("--csv", type=Path, default=folder / "speed_against_error.csv")
-    parser.add_argument("--figure", type=Path, default=folder / "speed_against_error.png")
+    parser.add_argument("--csv", type=Path, default=FOLDER / "speed_against_error.csv")
+    parser.add_argument("--figure", type=Path, default=FOLDER / "speed_against_error.png")
     options = parser.parse_args(arguments)
     only = options.only.split(",")
     if unknown := set(only) - set(MEASURES):
         parser.error(f"no measure {', '.join(unknown)}; there are {', '.join(MEASURES)}")
     effort = QUICK if options.quick else FULL
-    if options.reference_factor:
-        effort = replace(effort, reference_factor=options.reference_factor)
-    for path in (folder / "x", options.csv, options.figure):
+    for path in (FOLDER / "x", options.csv, options.figure):
         path.parent.mkdir(parents=True, exist_ok=True)
 
     threads = options.threads
@@ -391,7 +371,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print("{cpu}, {threads} threads, commit {commit}".format(**provenance))
     offices = []
     for density in effort.densities if {"rates", "run"} & set(only) else effort.densities[:1]:
-        path = folder / f"office_{density:g}.usdc"
+        path = FOLDER / f"office_{density:g}.usdc"
         generate(path, density)
         offices.append(BenchmarkScene.read("office", path, threads))
     if "rates" in only:

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isolux import _core
+from isolux.core_scene import build_core_scene
 from isolux.scene_description import GoniometricDiagram, LuminaireDescription, SceneDescription
 from isolux.settings import SolverSettings
 from isolux.solution import LUMINANCE_WEIGHTS
-from isolux.solver import build_core_scene
 from isolux.stage_reader import read_stage
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ def path_traced_reference(
     core: _core.Scene,
     vertices: int = 1000,
     batches: int = 16,
-    strata: int = 16,
+    strata: int = 32,
     seed: int = 2**31 - 1,
     cache: Path | None = None,
 ) -> PathTracedReference:
@@ -389,7 +389,7 @@ class PathTracer:
             p, q, r = self._corners[triangle].transpose(1, 0, 2)
             x = p * (1 - v - w) + q * v + r * w + self._offset * normals
             throughput = throughput * self._reflectance[triangle]
-            np.add.at(out, path, throughput * self._one_luminaire(x, normals, random))
+            out[path] += throughput * self._one_luminaire(x, normals, random)
             survival = np.minimum(1.0, throughput.max(axis=1))
             on = np.flatnonzero(random.random(len(path)) < survival)
             path, x, normals = path[on], x[on], normals[on]
@@ -515,7 +515,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("stage", type=Path)
     parser.add_argument("--vertices", type=int, default=1000)
     parser.add_argument("--batches", type=int, default=16)
-    parser.add_argument("--strata", type=int, default=16)
+    parser.add_argument("--strata", type=int, default=32)
     parser.add_argument("--cache", type=Path)
     options = parser.parse_args(arguments)
     scene = read_stage(options.stage)

@@ -45,7 +45,7 @@ ATTRIBUTES = [
     ),
     Row(SOLVER_API, "isolux:method", "token", "auto", "ddl+hpr", tokens=METHODS),
     Row(SOLVER_API, "isolux:outputMode", "token", "vertex", "refined", tokens=OUTPUT_MODES),
-    Row(SOLVER_API, "isolux:subdivisionThreshold", "double", 0.1, 0.05, (0.001, 10)),
+    Row(SOLVER_API, "isolux:subdivisionThreshold", "double", 0.05, 0.02, (0.001, 1)),
     Row(SOLVER_API, "isolux:subdivisionIterations", "int", 3, 5, (0, 8)),
     Row(SOLVER_API, "isolux:targetError", "double", 0.05, 0.01, (0, 1)),
     Row(SOLVER_API, "isolux:timeBudget", "double", 0, 60, (0, None)),

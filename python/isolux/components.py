@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _core
 from .settings import SolverSettings
-from .solution import LUMINANCE_WEIGHTS
+from .solution import LUMINANCE_WEIGHTS, RefinedMesh
 
 # Error relative to the total illuminance at which shadow rays stop [Volevich 2000, §3.1.1].
 DIRECT_ACCURACY = 0.01
@@ -136,7 +136,7 @@ class DirectLight:
     ) -> tuple[Array, Array]:
         """Direct illuminance at all vertices, (V, 3), and its standard error, (V,) lx.
 
-        indirect : (V, 3), zeros where it isn't known
+        indirect : (V,) lx, zeros where it isn't known
         on_share : called with the share that is done; may raise Cancelled
         """
         return self.at_points(self._positions, self._normals, indirect, on_share)
@@ -152,17 +152,67 @@ class DirectLight:
         count = len(positions)
         illuminance = np.zeros((count, 3), np.float32)
         standard_error = np.zeros(count, np.float32)
-        seen = photometric(indirect)
         for first in range(0, count, RECEIVERS_AT_ONCE):
             block = slice(first, min(first + RECEIVERS_AT_ONCE, count))
             found = self._lighting.illuminate(
-                positions[block], normals[block], seen[block], self._threads
+                positions[block], normals[block], indirect[block], self._threads
             )
             illuminance[block] = found["illuminance"]
             standard_error[block] = found["standard_error"]
             self.shadow_rays += found["shadow_rays"]
             on_share(block.stop / count)
         return illuminance, standard_error
+
+
+class AdaptiveMesh:
+    """The adaptive mesh of direct lighting, refined in turns with it [Volevich 2000, §3.1.1, §4].
+
+    Iterations can be asked for at any time, with another threshold too: the mesh starts anew from
+    the scene's elements, but every sample of light is kept.
+    """
+
+    def __init__(self, scene: _core.Scene) -> None:
+        self._refinement = _core.MeshRefinement(scene)
+        self._vertex_count = int(scene.vertex_count)
+
+    def begin(
+        self,
+        direct: Array,
+        standard_error: Array,
+        indirect: Array,
+        adaptation: float,
+        threshold: float,
+        photons: FilteredLight | None,
+    ) -> None:
+        """Back to the scene's elements.
+
+        direct, indirect : (V, 3); standard_error : (V,) lx, of the direct light
+        adaptation : luminance that the scene's observer is adapted to, cd/m^2
+        threshold : difference of displayed brightness that may be lost; 1: black to white
+        photons : the same light by photons; where both disagree the threshold is stricter
+        """
+        none = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+        regional = none if photons is None else (photons.direct, photons.direct_deviation)
+        self._refinement.begin(direct, standard_error, indirect, adaptation, threshold, *regional)
+
+    def iterate(self, lighting: DirectLight, on_share: Callable[[float], None]) -> bool:
+        """One iteration; false where no element wanted to be split."""
+        while True:
+            wanted = self._refinement.wanted_samples()
+            if len(wanted["positions"]) == 0:
+                return bool(self._refinement.split())
+            self._refinement.add_samples(
+                *lighting.at_points(
+                    wanted["positions"], wanted["normals"], wanted["indirect"], on_share
+                )
+            )
+
+    def mesh(self) -> tuple[RefinedMesh, Array, Array]:
+        """The mesh as it stands; direct light (V + S, 3) and its standard error (V + S,)."""
+        found = self._refinement.mesh()
+        arrays = {f.name: found[f.name] for f in fields(RefinedMesh) if f.name in found}
+        mesh = RefinedMesh(vertex_count=self._vertex_count, **arrays)
+        return mesh, found["direct"], found["standard_error"]
 
 
 def photometric(illuminance: Array) -> Array:

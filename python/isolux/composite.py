@@ -95,7 +95,11 @@ def _direct_stages(settings: SolverSettings) -> int:
 def _direct_steps(run: Run) -> Iterator[StagePlan]:
     """Direct lighting at the vertices, then iterations of the adaptive mesh."""
     count = _direct_stages(run.settings)
+    budget = run.settings.time_budget or math.inf
     for iteration in range(count):
+        # Each iteration takes longer than the one before.
+        if iteration > 0 and run.elapsed + 2 * run.finishing_seconds("DDL") > budget:
+            return
         last = iteration == count - 1
         # One stage has to be left for the indirect light.
         shown = run.settings.stages > count - iteration or (last and not run.reflects)

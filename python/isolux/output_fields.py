@@ -9,17 +9,17 @@ indices: one value an illumination vertex as time samples, the indices once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import adaptation_luminance, tone_map
+from ._core import tone_map
 from .refined_topology import RefinedTopology
 from .scene_description import MeshDescription
-from .solution import LUMINANCE_WEIGHTS, MeshLayout, RefinedMesh, Solution
+from .solution import LUMINANCE_WEIGHTS, MeshLayout, RefinedMesh
 
 Interpolation = Literal["vertex", "faceVarying"]
 
@@ -231,30 +231,6 @@ class MeshOutput:
             yield field, self._layouts[field.split], field.values(values[field.split])
 
 
-class SceneAdaptation:
-    """To which luminance an observer of all lit surfaces adapts, stage after stage."""
-
-    def __init__(
-        self, meshes: Iterable[MeshDescription], layouts: Mapping[str, MeshLayout]
-    ) -> None:
-        self._sides = [
-            (side, _vertex_reflectance(mesh, layout))
-            for mesh in meshes
-            for layout in (layouts[mesh.path],)
-            for side in (layout.front, layout.back)
-            if side.stop > side.start
-        ]
-
-    def luminance(self, solution: Solution) -> float:
-        """cd/m^2; 0: nothing is lit. Split vertices stand for no area of their own."""
-        areas = solution.vertex_areas
-        luminance = np.zeros(len(areas))
-        for side, reflectance in self._sides:
-            illuminance = solution.direct[side] + solution.indirect[side]
-            luminance[side] = (illuminance * reflectance) @ LUMINANCE_WEIGHTS / np.pi
-        return adaptation_luminance(luminance, areas)
-
-
 def _primvar_layout(
     corners: MeshCorners, reflectance: NDArray[np.float32], face_kinds: NDArray[np.int64]
 ) -> PrimvarLayout:
@@ -303,15 +279,3 @@ def _pick(values: NDArray[np.float32], vertices: NDArray[np.int32]) -> NDArray[n
 def _corner_faces(mesh: MeshDescription) -> NDArray[np.int32]:
     faces = np.arange(len(mesh.face_vertex_counts), dtype=np.int32)
     return np.repeat(faces, mesh.face_vertex_counts)
-
-
-def _vertex_reflectance(mesh: MeshDescription, layout: MeshLayout) -> NDArray[np.float64]:
-    """Mean over the corners at each illumination vertex, (V, 3), or (1, 3) where all are alike."""
-    if len(mesh.reflectance) == 1:
-        return mesh.reflectance.astype(np.float64)
-    on_surface = layout.corner_vertices >= 0
-    vertices = layout.corner_vertices[on_surface]
-    corners = mesh.reflectance[_corner_faces(mesh)[on_surface]]
-    size = layout.front.stop - layout.front.start
-    sums = [np.bincount(vertices, corners[:, c], size) for c in range(3)]
-    return np.stack(sums, axis=1) / np.maximum(np.bincount(vertices, minlength=size), 1)[:, None]

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Tf, Usd, UsdGeom, UsdRender, Vt
 
+from .adaptation import SceneAdaptation
 from .atomic_file import replace_atomically
 from .errors import SceneError
 from .output_fields import (
@@ -32,7 +33,6 @@ from .output_fields import (
     MeshOutput,
     OutputField,
     PrimvarLayout,
-    SceneAdaptation,
     VertexIlluminance,
 )
 from .refined_results import write_refined_mesh
@@ -141,7 +141,7 @@ class ResultsWriter:
             solution.direct,
             solution.indirect,
             solution.relative_deviation,
-            self._adaptation.luminance(solution),
+            self._adaptation.luminance(solution.direct + solution.indirect, solution.vertex_areas),
         )
         with Sdf.ChangeBlock():
             if solution.refined is not None:

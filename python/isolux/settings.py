@@ -41,8 +41,8 @@ class SolverSettings:
     filter_sharing : d_f, fraction of the support radius within which vertices share a value
     filter_interval : confidence interval of a photon count, corrected or as in the paper
     output_mode : vertex: the meshes as they are; refined: with the adaptive mesh of direct lighting
-    subdivision_threshold : difference of brightness along an edge that is worth a split, as a
-        fraction of the brightness of a surface of the luminance to which an observer adapts
+    subdivision_threshold : difference of displayed brightness, 1 from black to white, that the
+        adaptive mesh may lose
     subdivision_iterations : of the adaptive mesh
     crease_angle : degrees between adjacent faces above which an edge without authored normals
         is a crease
@@ -61,7 +61,7 @@ class SolverSettings:
         default="corrected", metadata={"choices": get_args(FilterInterval)}
     )
     output_mode: OutputMode = field(default="vertex", metadata={"choices": get_args(OutputMode)})
-    subdivision_threshold: float = _number(0.1, 0.001, 10.0)
+    subdivision_threshold: float = _number(0.05, 0.001, 1.0)
     subdivision_iterations: int = _number(3, 0, 8)
     crease_angle: float = _number(40.0, 0.0, 180.0)
     threads: int = _number(0, 0)

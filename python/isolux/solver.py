@@ -16,11 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd
 
+from .adaptation import SceneAdaptation
 from .components import (
+    AdaptiveMesh,
     Array,
     BucketErrors,
     Cancelled,
     DirectLight,
+    FilteredLight,
     PhotonTracing,
     photometric,
     root_mean_square,
@@ -30,7 +33,7 @@ from .core_scene import build_core_scene, mesh_layouts, require_light_and_surfac
 from .scene_description import Finding, SceneDescription
 from .schedule import Component, StageGoal, StagePlan
 from .settings import Method, SolverSettings, settings_from_stage
-from .solution import ProgressiveStage, Solution
+from .solution import ProgressiveStage, RefinedMesh, Solution
 from .stage_reader import read_stage
 
 # Photons are traced in calls of about this long, so that a cancelled run stops soon.
@@ -98,12 +101,12 @@ class _Illumination:
         scalars = np.zeros(vertices, np.float32)
         return _Illumination(colours, colours, scalars, scalars, scalars)
 
-    @property
-    def relative_deviation(self) -> Array:
-        """Of the total; 1 where there is no light."""
-        total = photometric(self.direct + self.indirect)
-        error = np.hypot(self.direct_error, self.indirect_error)
-        return np.divide(error, total, out=np.ones_like(total), where=total > 0)
+
+def _relative_deviation(total: Array, direct_error: Array, indirect_error: Array) -> Array:
+    """Of the total, (n,); 1 where there is no light. Errors are absolute, lx."""
+    illuminance = photometric(total)
+    error = np.hypot(direct_error, indirect_error)
+    return np.divide(error, illuminance, out=np.ones_like(error), where=illuminance > 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +148,10 @@ class ProgressiveSolver:
         self._photons = PhotonTracing(self._core_scene, settings, self._threads)
         self._direct = DirectLight(self._core_scene, settings, self._threads)
         self._light = _Illumination.dark(len(self._areas))
+        self._filtered: FilteredLight | None = None
         self._bucket_errors = BucketErrors()
+        self._mesh: AdaptiveMesh
+        self._refined: tuple[RefinedMesh, Array, Array] | None = None
         self._steps: list[StagePlan] = []
         self._switchover = (0.0, 0, 0.0)  # T1 in s and photons, T2 in s
         self._indirect_rays = 0
@@ -261,6 +267,7 @@ class ProgressiveSolver:
     def _filter_all(self, step: StagePlan) -> None:
         """DEPT: direct and indirect light of the photons."""
         filtered, self._bucket_errors = self._photons.filtered()
+        self._filtered = filtered
         light = self._light
         light.direct, light.indirect = filtered.direct, filtered.indirect
         light.direct_error = filtered.direct_deviation * photometric(light.direct)
@@ -272,13 +279,32 @@ class ProgressiveSolver:
     def _light_directly(self, step: StagePlan) -> None:
         """DDL: direct light that replaces the photons'."""
         light = self._light
-        light.direct, light.direct_error = self._direct.at_vertices(
-            light.indirect, lambda share: self._working("DDL")
+        if step.iteration == 0:
+            light.direct, light.direct_error = self._direct.at_vertices(
+                photometric(light.indirect), lambda share: self._working("DDL")
+            )
+            light.direct_rms = root_mean_square(light.direct_error, self._areas)
+            light.total_rms = None
+            if not self.reflects:
+                light.indirect_rms = 0.0
+            return
+        if step.iteration == 1:
+            self._begin_refinement()
+        self._mesh.iterate(self._direct, lambda share: self._working("DDL"))
+        self._refined = self._mesh.mesh()
+
+    def _begin_refinement(self) -> None:
+        light = self._light
+        self._mesh = AdaptiveMesh(self._core_scene)
+        adaptation = SceneAdaptation(self.scene.meshes, self._layouts)
+        self._mesh.begin(
+            light.direct,
+            light.direct_error,
+            light.indirect,
+            adaptation.luminance(light.direct + light.indirect, self._areas),
+            self.settings.subdivision_threshold,
+            self._filtered,
         )
-        light.direct_rms = root_mean_square(light.direct_error, self._areas)
-        light.total_rms = None
-        if not self.reflects:
-            light.indirect_rms = 0.0
 
     def _filter_indirect(self, step: StagePlan) -> None:
         """IDEPT: the photons' indirect light beside deterministic direct light."""
@@ -337,6 +363,11 @@ class ProgressiveSolver:
             total_rms = math.hypot(light.direct_rms, light.indirect_rms)
         error = self._relative(total_rms, light.direct + light.indirect)
         self._error = None if math.isnan(error) else error
+        refined, direct, direct_error = self._refined or (None, light.direct, light.direct_error)
+        indirect, indirect_error = light.indirect, light.indirect_error
+        if refined is not None:
+            indirect = refined.interpolate(indirect)
+            indirect_error = refined.interpolate(indirect_error)
         ends = self._photons.buckets.ends
         t1, t1_photons, t2 = self._switchover
         stage = ProgressiveStage(
@@ -346,7 +377,7 @@ class ProgressiveSolver:
             rays=ends["rays"],
             shadow_rays=self._direct.shadow_rays,
             indirect_rays=self._indirect_rays,
-            elements=self._core_scene.element_count,
+            elements=self._core_scene.element_count if refined is None else len(refined.elements),
             elapsed=self.elapsed,
             rms_error=error,
             rms_error_indirect=self.indirect_error,
@@ -364,11 +395,12 @@ class ProgressiveSolver:
             stage=stage,
             scene=self.scene,
             layouts=self._layouts,
-            direct=light.direct,
-            indirect=light.indirect,
-            relative_deviation=light.relative_deviation,
+            direct=direct,
+            indirect=indirect,
+            relative_deviation=_relative_deviation(direct + indirect, direct_error, indirect_error),
             support_radius=light.support_radius,
             vertex_areas=self._areas,
+            refined=refined,
             steps=tuple(self._steps),
         )
 

@@ -47,7 +47,10 @@ def layouts_of(scene: SceneDescription) -> dict[str, MeshLayout]:
 
 
 class SplitMesh:
-    """A scene's elements, and what became of them by splitting edges."""
+    """A scene's elements, and what became of them by splitting edges.
+
+    Edges of a mesh between the same positions are one, welded or not.
+    """
 
     def __init__(self, scene: SceneDescription, layouts: dict[str, MeshLayout]) -> None:
         elements, points, twins, first_point = [], [], [], 0
@@ -62,9 +65,12 @@ class SplitMesh:
             )
             elements.append(layout.corner_vertices[corners] + layout.front.start)
             count = layout.front.stop - layout.front.start
+            _, place = np.unique(mesh.points, axis=0, return_inverse=True)
             point = np.zeros(count, np.int64)
             on_surface = layout.corner_vertices >= 0
-            point[layout.corner_vertices[on_surface]] = mesh.face_vertex_indices[on_surface]
+            point[layout.corner_vertices[on_surface]] = place.ravel()[
+                mesh.face_vertex_indices[on_surface]
+            ]
             back_count = layout.back.stop - layout.back.start
             points += [point + first_point, np.full(back_count, -1)]
             twins += [

@@ -269,6 +269,21 @@ def test_a_seam_of_texture_coordinates_stays_a_seam(tmp_path):
     assert found == pytest.approx(expected, abs=1e-5)
 
 
+def test_points_at_the_same_place_stay_apart(tmp_path):
+    """Two quads side by side, unwelded: left of the seam the mesh is cold, right of it hot."""
+    stage = new_stage(tmp_path)
+    left = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)])
+    points = np.concatenate([left, left + np.array([1, 0, 0])])
+    mesh = add_mesh(stage, "/World/Mesh", points, [[0, 1, 2, 3], [4, 5, 6, 7]])
+    add_primvar(mesh, "heat", "FloatArray", "vertex", [0.0] * 4 + [100.0] * 4)
+    baked = bake(stage)
+    assert_readable(baked.stage)
+    faces = values_at_corners(baked.mesh(), "isolux:sourceFace")
+    assert np.array_equal(values_at_corners(baked.mesh(), "heat"), 100.0 * faces)
+    # A grid of five by five points on each, with the two that are shared by position apart.
+    assert len(baked.mesh().GetPointsAttr().Get()) == 2 * 25
+
+
 def test_values_of_faces_go_to_their_parts(tmp_path):
     stage = new_stage(tmp_path)
     mesh = add_mesh(stage, "/World/Mesh")

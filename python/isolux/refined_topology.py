@@ -18,6 +18,9 @@ from .mesh_topology import MeshTopology
 from .scene_description import MeshDescription
 from .solution import MeshLayout, RefinedMesh
 
+# A weight that is rounding alone: edges are split into quarters, and quarters of quarters.
+_NO_WEIGHT = 1e-9
+
 
 @dataclass(frozen=True, slots=True)
 class RefinedTopology:
@@ -132,10 +135,16 @@ def _topology(
 
     is_new = front >= refined.vertex_count
     split = front[is_new] - refined.vertex_count
-    at_corner = sources[np.arange(len(sources)), weights.argmax(axis=1)]
-    indices = authored.indices[at_corner]
-    _, first, number = np.unique(refined.split_point[split], return_index=True, return_inverse=True)
-    indices[is_new] = authored.point_count + number
+    indices = authored.indices[sources[np.arange(len(sources)), weights.argmax(axis=1)]]
+    _, first, vertex = np.unique(split, return_index=True, return_inverse=True)
+    corners = np.flatnonzero(is_new)[first]  # one at each split vertex
+    # Unwelded edges are split at the same place, yet each has its own points.
+    between = np.where(
+        weights[corners] > _NO_WEIGHT, authored.indices[sources[corners]], np.int32(-1)
+    )
+    places = np.column_stack([refined.split_point[split[first]], np.sort(between, axis=1)])
+    _, first, point = np.unique(places, axis=0, return_index=True, return_inverse=True)
+    indices[is_new] = authored.point_count + point.ravel()[vertex]
 
     back = None
     if layout.back.stop > layout.back.start:
@@ -147,7 +156,7 @@ def _topology(
         faces=parent_faces,
         corner_sources=sources,
         corner_weights=weights,
-        point_corners=np.flatnonzero(is_new)[first],
+        point_corners=corners[first],
         front=front,
         back=back,
     )

@@ -231,7 +231,7 @@ class ResultsWriter:
 
     def _refine(self, refined: RefinedMesh, layouts: Mapping[str, MeshLayout]) -> None:
         """Put all stages so far on this refinement."""
-        if refined is self._refined:
+        if self._refined is not None and np.array_equal(refined.elements, self._refined.elements):
             return
         self._refined = refined
         topologies = refined_topologies(

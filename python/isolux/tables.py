@@ -85,22 +85,46 @@ def luminaire_table(luminaires: Sequence[LuminaireDescription]) -> Table:
     return table
 
 
-def stage_table(stages: Iterable[ProgressiveStage]) -> Table:
-    """What each progressive stage cost and how far off it is."""
-    table = _table(
-        "#stage", "component", "#photons", "#rays", "#seconds", "#RMS error", "#indirect"
-    )
+# Column, field of ProgressiveStage; "?": where no stage has any, the column is left out.
+_STAGE_COUNTS = (
+    ("#photons", "photons"),
+    ("#shadow rays?", "shadow_rays"),
+    ("#indirect rays?", "indirect_rays"),
+    ("#elements", "elements"),
+)
+
+
+def stage_table(stages: Sequence[ProgressiveStage]) -> Table:
+    """What each progressive stage cost and how far off it is; below it, when components changed."""
+    counts = [
+        (column.rstrip("?"), field)
+        for column, field in _STAGE_COUNTS
+        if not column.endswith("?") or any(getattr(stage, field) for stage in stages)
+    ]
+    names = [column for column, _ in counts]
+    table = _table("#stage", "component", *names, "#seconds", "#RMS error", "#indirect")
     for stage in stages:
         table.add_row(
             str(stage.index),
             stage.component,
-            f"{stage.photons:,}",
-            f"{stage.rays:,}",
+            *(f"{getattr(stage, field):,}" for _, field in counts),
             f"{stage.elapsed:.2f}",
             percent(stage.rms_error),
             percent(stage.rms_error_indirect),
         )
+    table.caption = _switchovers(stages[-1]) if stages else None
+    table.caption_justify = "left"
     return table
+
+
+def _switchovers(stage: ProgressiveStage) -> str | None:
+    """T1 and T2 [Volevich 2000, §3.2] as far as the run has come; None before T1."""
+    if stage.switchover_time == 0:
+        return None
+    text = f"T1 {stage.switchover_time:.2f} s, {stage.switchover_photons:,} photons"
+    if stage.second_switchover_time > 0:
+        text += f"; T2 {stage.second_switchover_time:.2f} s"
+    return text
 
 
 def field_table() -> Table:

@@ -328,16 +328,25 @@ def test_what_cannot_be_blended_takes_the_nearest_and_says_so(tmp_path):
     }
 
 
-def test_a_primvar_that_never_fitted_is_left_out_and_named(tmp_path):
+BROKEN = {
+    "too few": (["vertex", [1.0, 2.0]], "2 vertex values, 8 wanted"),
+    "not whole elements": (["vertex", [1.0] * 17, None, 2], "17 vertex values, 8 of 2 each wanted"),
+    "indices to nowhere": (["vertex", [1.0], [0, 9] * 4], "0 vertex values, 8 wanted"),
+}
+
+
+@pytest.mark.parametrize(("values", "found"), BROKEN.values(), ids=BROKEN.keys())
+def test_a_primvar_that_never_fitted_is_left_out_and_named(tmp_path, capfd, values, found):
     stage = new_stage(tmp_path)
     mesh = add_mesh(stage, "/World/Mesh")
-    add_primvar(mesh, "broken", "FloatArray", "vertex", [1.0, 2.0])
+    add_primvar(mesh, "broken", "FloatArray", *values)
     baked = bake(stage)
     assert_readable(baked.stage)
     assert not UsdGeom.PrimvarsAPI(baked.mesh()).GetPrimvar("broken").HasValue()
     (finding,) = baked.writer.findings
     assert (finding.kind, finding.action) == ("primvars:broken", "skipped")
-    assert "2 vertex values, 8 wanted" in finding.reason
+    assert found in finding.reason
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("as_primvar", [False, True], ids=["attribute", "primvar"])

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdGeom, Vt
+from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
 
 from .output_fields import OUTPUT_FIELDS
 from .refined_topology import RefinedTopology
@@ -50,7 +50,11 @@ def write_refined_mesh(
     time : at which the source was read
     returns : what could not be carried over as it is
     """
-    return _RefinedPrim(layer, prim, time, topology).write()
+    diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # findings say it, not stderr
+    try:
+        return _RefinedPrim(layer, prim, time, topology).write()
+    finally:
+        diagnostics.TakeUncoalescedDiagnostics()
 
 
 class _RefinedPrim:
@@ -124,9 +128,9 @@ class _RefinedPrim:
             return
         name, type_name = primvar.GetName(), primvar.GetTypeName()
         indexed = primvar.IsIndexed()
+        size = primvar.GetElementSize()
         flat = primvar.ComputeFlattened(self._time)
-        count = 0 if flat is None else len(flat) // primvar.GetElementSize()
-        if not self._fits(name, count, interpolation):
+        if not self._fits(name, 0 if flat is None else len(flat), interpolation, size):
             self._author(name, type_name, Sdf.ValueBlock())
             return
         values = np.asarray(flat)
@@ -135,7 +139,7 @@ class _RefinedPrim:
         if interpolation == "uniform" or skinned or not blended:
             self._pick_primvar(primvar, interpolation)
             return
-        carried = self._topology.interpolated(values.reshape(count, -1), interpolation)
+        carried = self._topology.interpolated(values.reshape(len(flat) // size, -1), interpolation)
         if name == "primvars:normals":
             carried = _unit(carried)
         carried = np.ascontiguousarray(carried.reshape(-1, *values.shape[1:]), values.dtype)
@@ -172,12 +176,14 @@ class _RefinedPrim:
             self._note("GeomSubset", "skipped", reason)
         _author(spec, "indices", _Types.IntArray, Vt.IntArray.FromNumpy(indices))
 
-    def _fits(self, name: str, count: int, interpolation: str) -> bool:
+    def _fits(self, name: str, count: int, interpolation: str, element_size: int = 1) -> bool:
         wanted = self._topology.authored.value_count(interpolation)
-        if count != wanted:
-            reason = f"{count} {interpolation} values, {wanted} wanted: none on the refined mesh"
-            self._note(name, "skipped", reason)
-        return count == wanted
+        fits = wanted is not None and count == wanted * element_size
+        if not fits:
+            size = f" of {element_size} each" if element_size > 1 else ""
+            reason = f"{count} {interpolation} values, {wanted}{size} wanted"
+            self._note(name, "skipped", f"{reason}: none on the refined mesh")
+        return fits
 
     def _note(self, kind: str, action: FindingAction, reason: str) -> None:
         self._findings.append(Finding(str(self._prim.GetPath()), kind, action, reason))

@@ -189,6 +189,16 @@ void CandelaDistribution::tabulate_cells() {
     }
 }
 
+double CandelaDistribution::widest_gamma() const {
+    std::size_t last = 0;
+    for (std::size_t i = 0; i < candela_.size(); ++i) {
+        if (candela_[i] > 0.0) { // light up to the next angle
+            last = std::max(last, std::min(i % gamma_.size() + 1, gamma_.size() - 1));
+        }
+    }
+    return gamma_[last];
+}
+
 double CandelaDistribution::intensity(const Vec3d& direction) const {
     const double gamma = std::atan2(std::hypot(direction.x, direction.y), -direction.z);
     const double c = std::atan2(direction.y, direction.x);

@@ -26,6 +26,9 @@ class CandelaDistribution {
 
     double luminous_flux() const { return luminous_flux_; } // lm
 
+    // The angle from nadir beyond which there is no light, rad.
+    double widest_gamma() const;
+
     // cd; `direction` is local and needs no unit length.
     double intensity(const Vec3d& direction) const;
 

@@ -1,11 +1,14 @@
 // Deterministic direct lighting, DDL: illuminance straight from the luminaires at points, emission
-// times visibility [Volevich 2000, §3.1.1].
+// times visibility [Volevich 2000, §3.1.1]. Visibility is the share of a luminaire's light that
+// shadow rays find unhindered; they go where the error of the total is.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
+#include "core/light_tree.h"
 #include "core/luminaire_illuminance.h"
 #include "core/scene.h"
 
@@ -13,7 +16,7 @@ namespace isolux {
 
 struct DirectLightingSettings {
     std::uint64_t seed = 0;
-    // Half-width of the shadow rays' confidence, relative to the total illuminance, at which they
+    // Standard error of direct light, relative to the total illuminance, at which shadow rays
     // stop: 1 %.
     double accuracy = 0.01;
 };
@@ -21,7 +24,7 @@ struct DirectLightingSettings {
 // One entry a receiver.
 struct DirectIllumination {
     std::vector<Vec3f> illuminance;    // lx by channel
-    std::vector<float> standard_error; // lx, photometric: what culling and shadow rays left open
+    std::vector<float> standard_error; // lx, photometric: what sampling left open
     std::uint64_t shadow_rays = 0;
 };
 
@@ -36,8 +39,13 @@ class DirectLighting {
                                   std::span<const float> indirect, int threads) const;
 
   private:
+    class Gathering;
+
     const Scene& scene_;
     DirectLightingSettings settings_;
+    std::vector<LuminaireIlluminance> luminaires_;
+    std::optional<LightTree> tree_; // of many luminaires
+    double least_total_;            // lx, below which a total is dark
 };
 
 } // namespace isolux

@@ -1,1 +1,117 @@
 #include "core/light_tree.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+namespace isolux {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+
+double angle_between(const Vec3d& a, const Vec3d& b) {
+    return std::atan2(length(cross(a, b)), dot(a, b));
+}
+
+} // namespace
+
+LightTree::LightTree(std::span<const LuminaireIlluminance> luminaires)
+    : order_(luminaires.size()), places_(luminaires.size()) {
+    std::iota(order_.begin(), order_.end(), 0);
+    clusters_.reserve(2 * luminaires.size());
+    add_cluster(luminaires, 0, static_cast<std::int32_t>(luminaires.size()));
+    cumulative_flux_.push_back(0.0);
+    for (std::size_t i = 0; i < order_.size(); ++i) {
+        places_[order_[i]] = static_cast<std::int32_t>(i);
+        cumulative_flux_.push_back(cumulative_flux_.back() +
+                                   luminaires[order_[i]].luminaire().luminous_flux);
+    }
+}
+
+std::int32_t LightTree::add_cluster(std::span<const LuminaireIlluminance> luminaires,
+                                    std::int32_t first, std::int32_t last) {
+    const auto index = static_cast<std::int32_t>(clusters_.size());
+    LightCluster cluster{.first = first, .last = last};
+    const std::span members(order_.begin() + first, order_.begin() + last);
+
+    // Where the luminaires are and where they point, in the same unit: a turn of one radian counts
+    // like half of the extent.
+    Vec3d low = luminaires[members[0]].luminaire().position, high = low, axis;
+    for (const std::int32_t i : members) {
+        const Luminaire& l = luminaires[i].luminaire();
+        low = {std::min(low.x, l.position.x), std::min(low.y, l.position.y),
+               std::min(low.z, l.position.z)};
+        high = {std::max(high.x, l.position.x), std::max(high.y, l.position.y),
+                std::max(high.z, l.position.z)};
+        axis += -l.z;
+        cluster.luminous_flux += l.luminous_flux;
+    }
+    cluster.centre = (low + high) * 0.5;
+    cluster.axis = normalize(axis);
+    for (const std::int32_t i : members) {
+        const Luminaire& l = luminaires[i].luminaire();
+        cluster.radius =
+            std::max(cluster.radius, length(l.position - cluster.centre) + luminaires[i].radius());
+        cluster.spread = std::max(cluster.spread, angle_between(cluster.axis, -l.z));
+        cluster.reach = std::max(cluster.reach, luminaires[i].reach());
+    }
+    clusters_.push_back(cluster);
+    if (members.size() == 1) {
+        return index;
+    }
+
+    const double turn = 0.5 * length(high - low);
+    const auto coordinates = [&](std::int32_t i) -> std::array<double, 6> {
+        const Luminaire& l = luminaires[i].luminaire();
+        return {l.position.x,  l.position.y,  l.position.z,
+                -turn * l.z.x, -turn * l.z.y, -turn * l.z.z};
+    };
+    std::array<double, 6> least = coordinates(members[0]), most = least;
+    for (const std::int32_t i : members) {
+        const auto c = coordinates(i);
+        for (std::size_t k = 0; k < c.size(); ++k) {
+            least[k] = std::min(least[k], c[k]);
+            most[k] = std::max(most[k], c[k]);
+        }
+    }
+    std::size_t widest = 0;
+    for (std::size_t k = 1; k < least.size(); ++k) {
+        widest = most[k] - least[k] > most[widest] - least[widest] ? k : widest;
+    }
+    const auto middle = members.begin() + members.size() / 2;
+    std::nth_element(members.begin(), middle, members.end(), [&](std::int32_t a, std::int32_t b) {
+        const double ca = coordinates(a)[widest], cb = coordinates(b)[widest];
+        return ca < cb || (ca == cb && a < b);
+    });
+    const std::int32_t split = first + static_cast<std::int32_t>(members.size() / 2);
+    const std::int32_t low_child = add_cluster(luminaires, first, split);
+    const std::int32_t high_child = add_cluster(luminaires, split, last);
+    clusters_[index].children[0] = low_child;
+    clusters_[index].children[1] = high_child;
+    return index;
+}
+
+std::int32_t LightTree::choose(const LightCluster& cluster, double u) const {
+    const auto begin = cumulative_flux_.begin() + cluster.first;
+    const auto end = cumulative_flux_.begin() + cluster.last;
+    const double flux = *begin + u * (*end - *begin);
+    const auto above = std::upper_bound(begin + 1, end, flux);
+    return order_[above - cumulative_flux_.begin() - 1];
+}
+
+bool may_light(const LightCluster& cluster, const Receiver& receiver) {
+    const Vec3d to = cluster.centre - receiver.position;
+    if (dot(to, receiver.normal.as<double>()) <= -cluster.radius) {
+        return false;
+    }
+    const double widest = cluster.spread + cluster.reach;
+    const double distance = length(to);
+    if (widest >= kPi || distance <= cluster.radius) {
+        return true;
+    }
+    return angle_between(cluster.axis, -to) - std::asin(cluster.radius / distance) <= widest;
+}
+
+} // namespace isolux

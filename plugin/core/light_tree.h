@@ -1,1 +1,47 @@
+// A tree over many luminaires, so that distant ones are sampled together: clusters with bounds on
+// where their light starts and goes [Conty Estevez & Kulla 2018].
 #pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/luminaire_illuminance.h"
+
+namespace isolux {
+
+struct LightCluster {
+    std::int32_t first = 0, last = 0;    // luminaires, in the tree's order
+    std::int32_t children[2] = {-1, -1}; // none where first + 1 == last
+    double luminous_flux = 0.0;          // lm
+    Vec3d centre;                        // m
+    double radius = 0.0;                 // m, of the sphere that holds all luminaires
+    Vec3d axis;                          // unit; mean of the luminaires' nadirs
+    double spread = 0.0;                 // rad, widest angle from the axis to a nadir
+    double reach = 0.0;                  // rad, widest angle from its nadir that a luminaire lights
+};
+
+class LightTree {
+  public:
+    explicit LightTree(std::span<const LuminaireIlluminance> luminaires);
+
+    // The root first.
+    std::span<const LightCluster> clusters() const { return clusters_; }
+    // A luminaire of the cluster by luminous flux, u uniform in [0, 1).
+    std::int32_t choose(const LightCluster& cluster, double u) const;
+    // Its place in the tree's order.
+    std::int32_t place(std::int32_t luminaire) const { return places_[luminaire]; }
+
+  private:
+    std::int32_t add_cluster(std::span<const LuminaireIlluminance> luminaires, std::int32_t first,
+                             std::int32_t last);
+
+    std::vector<LightCluster> clusters_;
+    std::vector<std::int32_t> order_, places_;
+    std::vector<double> cumulative_flux_; // lm, in the tree's order, from 0
+};
+
+// False where no light of the cluster can come to the receiver's front.
+bool may_light(const LightCluster& cluster, const Receiver& receiver);
+
+} // namespace isolux

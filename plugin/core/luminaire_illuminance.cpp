@@ -1,8 +1,11 @@
 #include "core/luminaire_illuminance.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
+#include "core/luminous_outline.h"
 #include "core/sampling.h"
 
 namespace isolux {
@@ -10,88 +13,275 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
-struct SurfacePoint {
-    Vec3d position, normal; // local; the normal of unit length
-    double area;            // m², of all that (u, v) covers
-    bool two_sided;         // a goniometric diagram may send light to both sides of a flat shape
+// A luminaire seen from so many of its openings is a point: at most 1 % off for a Lambertian disk
+// [Volevich 2000, §3.1.1; CIE 121].
+constexpr double kPointOpenings = 5.0;
+// The same for luminaires whose exact form costs more than a point's: 0.01 % off.
+constexpr double kExactOpenings = 50.0;
+
+// Gauss' three points on [0, 1].
+constexpr double kGaussOffset = 0.3872983346207417;
+constexpr std::array<double, 3> kGaussPoints{0.5 - kGaussOffset, 0.5, 0.5 + kGaussOffset};
+constexpr std::array<double, 3> kGaussWeights{5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0};
+// Parts of each side of a luminaire that get the Gaussian points: finer where it is near.
+constexpr double kPartsPerOpening = 2.0;
+constexpr int kMostParts = 16;
+
+template <typename... F> struct Overloaded : F... {
+    using F::operator()...;
 };
+template <typename... F> Overloaded(F...) -> Overloaded<F...>;
 
-struct SurfacePointOf {
-    double u, v;
+double bounding_radius(const LuminaireShape& shape) {
+    return std::visit(
+        Overloaded{
+            [](const SphereLuminaire& s) { return s.radius; },
+            [](const DiskLuminaire& s) { return s.radius; },
+            [](const RectLuminaire& s) { return 0.5 * std::hypot(s.width, s.height); },
+            [](const CylinderLuminaire& s) { return std::hypot(s.radius, 0.5 * s.length); },
+        },
+        shape);
+}
 
-    SurfacePoint operator()(const SphereLuminaire& s) const {
-        const double z = 1.0 - 2.0 * u, r = std::sqrt(std::max(0.0, 1.0 - z * z));
-        const Vec3d n{r * std::cos(2.0 * kPi * v), r * std::sin(2.0 * kPi * v), z};
-        return {n * s.radius, n, 4.0 * kPi * s.radius * s.radius, false};
-    }
-    SurfacePoint operator()(const DiskLuminaire& s) const {
-        const double r = s.radius * std::sqrt(u);
-        return {{r * std::cos(2.0 * kPi * v), r * std::sin(2.0 * kPi * v), 0.0},
-                {0.0, 0.0, -1.0},
-                kPi * s.radius * s.radius,
-                true};
-    }
-    SurfacePoint operator()(const RectLuminaire& s) const {
-        return {{(u - 0.5) * s.width, (v - 0.5) * s.height, 0.0},
-                {0.0, 0.0, -1.0},
-                s.width * s.height,
-                true};
-    }
-    SurfacePoint operator()(const CylinderLuminaire& s) const {
-        const Vec3d n{0.0, std::cos(2.0 * kPi * v), std::sin(2.0 * kPi * v)};
-        return {Vec3d{(u - 0.5) * s.length, 0.0, 0.0} + n * s.radius, n,
-                2.0 * kPi * s.radius * s.length, false};
-    }
-};
+double luminous_area(const LuminaireShape& shape) {
+    return std::visit(
+        Overloaded{
+            [](const SphereLuminaire& s) { return 4.0 * kPi * s.radius * s.radius; },
+            [](const DiskLuminaire& s) { return kPi * s.radius * s.radius; },
+            [](const RectLuminaire& s) { return s.width * s.height; },
+            [](const CylinderLuminaire& s) { return 2.0 * kPi * s.radius * s.length; },
+        },
+        shape);
+}
 
-struct ProjectedArea {
-    Vec3d direction; // local, unit
+double shape_reach(const LuminaireShape& shape) {
+    const bool flat = std::holds_alternative<DiskLuminaire>(shape) ||
+                      std::holds_alternative<RectLuminaire>(shape);
+    return flat ? 0.5 * kPi : kPi;
+}
 
-    double operator()(const SphereLuminaire& s) const { return kPi * s.radius * s.radius; }
-    double operator()(const DiskLuminaire& s) const {
-        return kPi * s.radius * s.radius * std::abs(direction.z);
-    }
-    double operator()(const RectLuminaire& s) const {
-        return s.width * s.height * std::abs(direction.z);
-    }
-    double operator()(const CylinderLuminaire& s) const {
-        return 2.0 * s.radius * s.length * std::hypot(direction.y, direction.z);
-    }
+// Intensity of a surface of constant luminance in a local direction, for a flux of 1 lm.
+double profile(const LuminaireShape& shape, const Vec3d& direction) {
+    const auto flat = [&] { return std::max(0.0, -direction.z) / kPi; };
+    return std::visit(Overloaded{
+                          [&](const SphereLuminaire&) { return 0.25 / kPi; },
+                          [&](const DiskLuminaire&) { return flat(); },
+                          [&](const RectLuminaire&) { return flat(); },
+                          [&](const CylinderLuminaire&) {
+                              return std::hypot(direction.y, direction.z) / (kPi * kPi);
+                          },
+                      },
+                      shape);
+}
+
+// What a receiver at `from`, local, sees of a cylinder: angles within half_arc of `near`, about X.
+struct CylinderSide {
+    double distance, half_arc; // m from the axis; rad
+    Vec3d near, across;        // unit
+
+    CylinderSide(const CylinderLuminaire& s, const Vec3d& from)
+        : distance(std::hypot(from.y, from.z)),
+          half_arc(std::atan2(std::sqrt(std::max(0.0, distance * distance - s.radius * s.radius)),
+                              s.radius)),
+          near{0.0, from.y / distance, from.z / distance}, across{0.0, -near.z, near.y} {}
 };
 
 } // namespace
 
-ShadowSample shadow_sample(const Luminaire& luminaire, const Receiver& receiver, double u,
-                           double v) {
-    const SurfacePoint at = std::visit(SurfacePointOf{u, v}, luminaire.shape);
-    const auto to_world = [&](const Vec3d& p) {
-        return luminaire.x * p.x + luminaire.y * p.y + luminaire.z * p.z;
+LuminaireIlluminance::LuminaireIlluminance(const Luminaire& luminaire)
+    : luminaire_(luminaire), radius_(bounding_radius(luminaire.shape)),
+      reach_(luminaire.diagram != nullptr ? luminaire.diagram->widest_gamma()
+                                          : shape_reach(luminaire.shape)),
+      area_(luminous_area(luminaire.shape)),
+      scale_(luminaire.luminous_flux /
+             (luminaire.diagram != nullptr ? luminaire.diagram->luminous_flux() : 1.0)) {}
+
+Vec3d LuminaireIlluminance::to_local(const Vec3d& v) const {
+    return {dot(v, luminaire_.x), dot(v, luminaire_.y), dot(v, luminaire_.z)};
+}
+
+Vec3d LuminaireIlluminance::to_world(const Vec3d& v) const {
+    return luminaire_.x * v.x + luminaire_.y * v.y + luminaire_.z * v.z;
+}
+
+double LuminaireIlluminance::intensity(const Vec3d& direction) const {
+    const Vec3d local = to_local(direction);
+    return scale_ * (luminaire_.diagram != nullptr ? luminaire_.diagram->intensity(local)
+                                                   : profile(luminaire_.shape, local));
+}
+
+bool LuminaireIlluminance::is_far(const Vec3d& to, const Vec3d& normal, double openings) const {
+    const double limit = 2.0 * radius_ * openings;
+    return dot(to, to) >= limit * limit && dot(to, normal) >= radius_;
+}
+
+double LuminaireIlluminance::unoccluded(const Receiver& receiver) const {
+    const Vec3d to = luminaire_.position - receiver.position;
+    const Vec3d normal = receiver.normal.as<double>();
+    const double height = dot(to, normal);
+    if (height <= -radius_ || (height <= 0.0 && radius_ == 0.0)) {
+        return 0.0;
+    }
+    const bool constant = luminaire_.diagram == nullptr && area_ > 0.0;
+    if (is_far(to, normal, constant ? kExactOpenings : kPointOpenings)) {
+        const double distance = length(to);
+        return intensity(to * (-1.0 / distance)) * height / (distance * distance * distance);
+    }
+    return constant ? constant_luminance(to, normal) : quadrature(receiver);
+}
+
+double LuminaireIlluminance::constant_luminance(const Vec3d& to, const Vec3d& normal) const {
+    const double luminance = luminaire_.luminous_flux / (kPi * area_);
+    // In local axes, from the receiver.
+    const Vec3d c = to_local(to), n = to_local(normal);
+    LuminousOutline outline(n);
+    const auto seen =
+        std::visit(Overloaded{
+                       [&](const SphereLuminaire& s) {
+                           const double squared = dot(c, c), inside = squared - s.radius * s.radius;
+                           if (inside <= 0.0) {
+                               return false;
+                           }
+                           const double distance = std::sqrt(squared);
+                           const auto [a, b] = tangents(c * (1.0 / distance));
+                           const double radius = s.radius * std::sqrt(inside) / distance;
+                           outline.add_circle({c * (inside / squared), a * radius, b * radius});
+                           return true;
+                       },
+                       [&](const DiskLuminaire& s) {
+                           if (c.z <= 0.0) {
+                               return false;
+                           }
+                           const double off = std::hypot(c.x, c.y);
+                           const Vec3d a =
+                               off > 0.0 ? Vec3d{c.x / off, c.y / off, 0.0} : Vec3d{1.0, 0.0, 0.0};
+                           outline.add_circle({c, a * s.radius, Vec3d{-a.y, a.x, 0.0} * s.radius});
+                           return true;
+                       },
+                       [&](const RectLuminaire& s) {
+                           if (c.z <= 0.0) {
+                               return false;
+                           }
+                           const Vec3d a{0.5 * s.width, 0.0, 0.0}, b{0.0, 0.5 * s.height, 0.0};
+                           const std::array corners{c - a - b, c + a - b, c + a + b, c - a + b};
+                           for (std::size_t i = 0; i < corners.size(); ++i) {
+                               outline.add_segment(corners[i], corners[(i + 1) % corners.size()]);
+                           }
+                           return true;
+                       },
+                       [&](const CylinderLuminaire& s) {
+                           const CylinderSide side(s, -c);
+                           if (side.distance <= s.radius) {
+                               return false;
+                           }
+                           const Vec3d end{0.5 * s.length, 0.0, 0.0};
+                           const Vec3d a = side.near * s.radius, b = side.across * s.radius;
+                           const CircleOfView high{c + end, a, b}, low{c - end, a, b};
+                           outline.add_arc(high, -side.half_arc, side.half_arc);
+                           outline.add_segment(high.at(side.half_arc), low.at(side.half_arc));
+                           const CircleOfView turned{low.centre, a, -b}; // the other way round
+                           outline.add_arc(turned, -side.half_arc, side.half_arc);
+                           outline.add_segment(low.at(-side.half_arc), high.at(-side.half_arc));
+                           return true;
+                       },
+                   },
+                   luminaire_.shape);
+    return seen ? luminance * outline.projected_solid_angle() : 0.0;
+}
+
+LuminaireIlluminance::Sight LuminaireIlluminance::sight(const Receiver& receiver, double u,
+                                                        double v) const {
+    const Vec3d to = luminaire_.position - receiver.position;
+    const Vec3d normal = receiver.normal.as<double>();
+    const auto from_point = [&](const Vec3d& local) {
+        const Vec3d at = to + to_world(local);
+        const double squared = dot(at, at);
+        const double factor = dot(at, normal) / (squared * std::sqrt(squared));
+        return Sight{at, squared > 0.0 ? std::max(0.0, factor) : 0.0};
     };
-    const Vec3d point = luminaire.position + to_world(at.position);
-    const Vec3d away = receiver.position - point;
-    const double squared = dot(away, away);
-    const double distance = std::sqrt(squared);
-    const double received = -dot(away, receiver.normal.as<double>());
-    if (received <= 0.0 || distance == 0.0) {
-        return {point, 0.0};
+    return std::visit(
+        Overloaded{
+            // A point of the disk that the silhouette bounds, lifted to the near side.
+            [&](const SphereLuminaire& s) {
+                const double squared = dot(to, to), inside = squared - s.radius * s.radius;
+                if (inside <= 0.0) {
+                    return Sight{to, 0.0};
+                }
+                const double distance = std::sqrt(squared);
+                const Vec3d middle = to * (1.0 / distance);
+                const auto [a, b] = tangents(middle);
+                const double r = s.radius * std::sqrt(inside * u) / distance;
+                const Vec3d at = to * (inside / squared) + a * (r * std::cos(2.0 * kPi * v)) +
+                                 b * (r * std::sin(2.0 * kPi * v));
+                const double reach = length(at);
+                const Vec3d direction = at * (1.0 / reach);
+                const double along = dot(direction, to);
+                const double near = along - std::sqrt(std::max(0.0, along * along - inside));
+                const double factor = inside / squared * std::max(0.0, dot(direction, normal)) *
+                                      dot(direction, middle) / (reach * reach);
+                return Sight{direction * near, factor};
+            },
+            [&](const DiskLuminaire& s) {
+                const double r = s.radius * std::sqrt(u);
+                return from_point({r * std::cos(2.0 * kPi * v), r * std::sin(2.0 * kPi * v), 0.0});
+            },
+            [&](const RectLuminaire& s) {
+                return from_point({(u - 0.5) * s.width, (v - 0.5) * s.height, 0.0});
+            },
+            [&](const CylinderLuminaire& s) {
+                const CylinderSide side(s, to_local(-to));
+                if (side.distance <= s.radius) {
+                    return Sight{to, 0.0};
+                }
+                const double angle = (2.0 * v - 1.0) * side.half_arc;
+                const Vec3d across = side.near * std::cos(angle) + side.across * std::sin(angle);
+                const Vec3d along{(u - 0.5) * s.length, 0.0, 0.0};
+                Sight out = from_point(along + across * s.radius);
+                const Vec3d back = to_local(-out.to);
+                out.factor *=
+                    side.half_arc * std::max(0.0, dot(back, across)) / std::hypot(back.y, back.z);
+                return out;
+            },
+        },
+        luminaire_.shape);
+}
+
+double LuminaireIlluminance::quadrature(const Receiver& receiver) const {
+    const Vec3d to = luminaire_.position - receiver.position;
+    const double gap = std::max(length(to) - radius_, 0.0);
+    const double wanted = kPartsPerOpening * 2.0 * radius_;
+    const int parts = wanted < gap * kMostParts
+                          ? std::max(1, static_cast<int>(std::ceil(wanted / gap)))
+                          : kMostParts;
+    // A part that is nearer than its own size spreads its light over the hemisphere.
+    const double area = area_ / (9.0 * parts * parts);
+    const double most_factor = area > 0.0 ? kPi / area : 0.0;
+    double sum = 0.0;
+    for (int i = 0; i < 3 * parts; ++i) {
+        const double u = (i / 3 + kGaussPoints[i % 3]) / parts;
+        for (int j = 0; j < 3 * parts; ++j) {
+            const Sight s = sight(receiver, u, (j / 3 + kGaussPoints[j % 3]) / parts);
+            if (s.factor > 0.0) {
+                const double factor = area > 0.0 ? std::min(s.factor, most_factor) : s.factor;
+                sum += kGaussWeights[i % 3] * kGaussWeights[j % 3] * factor *
+                       intensity(s.to * (-1.0 / length(s.to)));
+            }
+        }
     }
-    const Vec3d direction =
-        Vec3d{dot(away, luminaire.x), dot(away, luminaire.y), dot(away, luminaire.z)} *
-        (1.0 / distance);
-    double emitted = dot(direction, at.normal);
-    double luminance = luminaire.luminous_flux / (kPi * at.area);
-    if (luminaire.diagram != nullptr) {
-        emitted = at.two_sided ? std::abs(emitted) : emitted;
-        const double projected = std::visit(ProjectedArea{direction}, luminaire.shape);
-        luminance = projected > 0.0
-                        ? luminaire.diagram->intensity(direction) * luminaire.luminous_flux /
-                              luminaire.diagram->luminous_flux() / projected
-                        : 0.0;
+    return sum / (parts * parts);
+}
+
+ShadowSample LuminaireIlluminance::shadow_sample(const Receiver& receiver, double u,
+                                                 double v) const {
+    const Sight s = sight(receiver, u, v);
+    double weight = s.factor;
+    const Vec3d to = luminaire_.position - receiver.position;
+    const bool point =
+        luminaire_.diagram != nullptr && is_far(to, receiver.normal.as<double>(), kPointOpenings);
+    if (weight > 0.0 && !point) {
+        weight *= intensity(s.to * (-1.0 / length(s.to)));
     }
-    if (emitted <= 0.0) {
-        return {point, 0.0};
-    }
-    return {point, luminance * emitted * received / distance / squared * at.area};
+    return {receiver.position + s.to, weight};
 }
 
 } // namespace isolux

@@ -1,5 +1,5 @@
-// Illuminance that a luminaire would give where nothing is in the way, and the points of it that
-// shadow rays aim at [Volevich 2000, §3.1.1].
+// Illuminance that a luminaire gives where nothing is in the way, and the points of it that shadow
+// rays aim at [Volevich 2000, §3.1.1]. The light is that of Luminaire::sample_emission.
 #pragma once
 
 #include "core/luminaire.h"
@@ -8,14 +8,51 @@
 
 namespace isolux {
 
-// A point of the luminaire and the illuminance, lx, that the receiver would get if all of the
-// luminaire's light came to it as from there: the mean over uniform (u, v) is the unoccluded
-// illuminance.
+// A point of the luminaire that the receiver faces, and the illuminance that comes from around it,
+// up to a factor common to all points of a luminaire.
 struct ShadowSample {
     Vec3d point; // m, world space
-    double illuminance;
+    double weight;
 };
-ShadowSample shadow_sample(const Luminaire& luminaire, const Receiver& receiver, double u,
-                           double v);
+
+class LuminaireIlluminance {
+  public:
+    explicit LuminaireIlluminance(const Luminaire& luminaire);
+
+    const Luminaire& luminaire() const { return luminaire_; }
+    // m, of the sphere around the luminaire's position that holds all of it.
+    double radius() const { return radius_; }
+
+    // The angle from local -Z beyond which there is no light, rad.
+    double reach() const { return reach_; }
+
+    // lx. Exact for constant luminance; a goniometric diagram counts as a point beyond five
+    // openings, by quadrature over the opening nearer.
+    double unoccluded(const Receiver& receiver) const;
+
+    // u, v in [0, 1)
+    ShadowSample shadow_sample(const Receiver& receiver, double u, double v) const;
+
+  private:
+    // From the receiver to where light starts, and the illuminance for each candela to the receiver
+    // if all light came as from there: its mean over (u, v) with the intensity is the illuminance.
+    struct Sight {
+        Vec3d to;
+        double factor;
+    };
+    Sight sight(const Receiver& receiver, double u, double v) const;
+
+    bool is_far(const Vec3d& to, const Vec3d& normal, double openings) const;
+    double constant_luminance(const Vec3d& to, const Vec3d& normal) const;
+    double quadrature(const Receiver& receiver) const;
+    double intensity(const Vec3d& direction) const; // cd; world space, unit
+    Vec3d to_local(const Vec3d& v) const;
+    Vec3d to_world(const Vec3d& v) const;
+
+    Luminaire luminaire_;
+    double radius_, reach_;
+    double area_;  // luminous, m²
+    double scale_; // cd for each unit of the diagram, or of the shape's own directional profile
+};
 
 } // namespace isolux

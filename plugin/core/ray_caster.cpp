@@ -27,9 +27,13 @@ RTCDevice new_device() {
 // of a float, the rounding of origin + distance * direction.
 constexpr float kRelativeOffset = 0x1p-20F;
 
+// Shadow rays that go through the tree together, and the least that gain by it.
+constexpr std::size_t kPacket = 8, kLeastPacket = 4;
+
 #if RTC_VERSION_MAJOR >= 4
 void intersect(RTCScene scene, RTCRayHit& ray_hit) { rtcIntersect1(scene, &ray_hit); }
 void occlude(RTCScene scene, RTCRay& ray) { rtcOccluded1(scene, &ray); }
+void occlude(const int* valid, RTCScene scene, RTCRay8& rays) { rtcOccluded8(valid, scene, &rays); }
 #else
 void intersect(RTCScene scene, RTCRayHit& ray_hit) {
     RTCIntersectContext context;
@@ -40,6 +44,11 @@ void occlude(RTCScene scene, RTCRay& ray) {
     RTCIntersectContext context;
     rtcInitIntersectContext(&context);
     rtcOccluded1(scene, &context, &ray);
+}
+void occlude(const int* valid, RTCScene scene, RTCRay8& rays) {
+    RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    rtcOccluded8(valid, scene, &context, &rays);
 }
 #endif
 
@@ -131,10 +140,34 @@ Hit RayCaster::closest_hit(const Ray& ray) const {
             {ray_hit.hit.Ng_x, ray_hit.hit.Ng_y, ray_hit.hit.Ng_z}};
 }
 
-bool RayCaster::occluded(const Ray& ray, float far) const {
-    RTCRay shadow_ray = embree_ray(ray, far);
-    occlude(embree_->scene, shadow_ray);
-    return shadow_ray.tfar < 0.0F; // Embree's mark
+void RayCaster::occluded(std::span<const Ray> rays, std::span<bool> out) const {
+    std::size_t done = 0;
+    for (; done + kLeastPacket <= rays.size(); done += kPacket) {
+        const std::size_t count = std::min(kPacket, rays.size() - done);
+        alignas(32) RTCRay8 packet{};
+        alignas(32) std::array<int, kPacket> valid{};
+        for (std::size_t i = 0; i < count; ++i) {
+            const Ray& ray = rays[done + i];
+            valid[i] = -1;
+            packet.org_x[i] = ray.origin.x;
+            packet.org_y[i] = ray.origin.y;
+            packet.org_z[i] = ray.origin.z;
+            packet.dir_x[i] = ray.direction.x;
+            packet.dir_y[i] = ray.direction.y;
+            packet.dir_z[i] = ray.direction.z;
+            packet.tfar[i] = 1.0F;
+            packet.mask[i] = ~0U;
+        }
+        occlude(valid.data(), embree_->scene, packet);
+        for (std::size_t i = 0; i < count; ++i) {
+            out[done + i] = packet.tfar[i] < 0.0F; // Embree's mark
+        }
+    }
+    for (; done < rays.size(); ++done) {
+        RTCRay shadow_ray = embree_ray(rays[done], 1.0F);
+        occlude(embree_->scene, shadow_ray);
+        out[done] = shadow_ray.tfar < 0.0F;
+    }
 }
 
 float RayCaster::offset(const Vec3f& p, float distance) const {

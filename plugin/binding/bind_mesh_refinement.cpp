@@ -14,7 +14,7 @@ namespace {
 void begin(MeshRefinement& self, const In3<float>& direct, const In1<float>& standard_error,
            const In3<float>& indirect, double adaptation_luminance, double threshold,
            const In3<float>& regional, const In1<float>& regional_deviation) {
-    const std::size_t n = self.vertex_count();
+    const std::size_t n = self.mesh().vertex_count();
     if (direct.shape(0) != n || standard_error.size() != n || indirect.shape(0) != n) {
         throw std::invalid_argument("direct, standard_error and indirect want one entry a vertex");
     }
@@ -35,8 +35,9 @@ nb::dict wanted_samples(MeshRefinement& self) {
     {
         nb::gil_scoped_release release;
         for (const std::int32_t sample : self.wanted_samples()) {
-            positions.push_back(self.receiver(sample).position);
-            normals.push_back(self.receiver(sample).normal);
+            const Receiver& receiver = self.sample(sample).receiver;
+            positions.push_back(receiver.position);
+            normals.push_back(receiver.normal);
             indirect.push_back(luminance(self.indirect(sample)));
         }
     }
@@ -48,8 +49,8 @@ nb::dict wanted_samples(MeshRefinement& self) {
 }
 
 nb::dict mesh(const MeshRefinement& self) {
-    const auto& elements = self.elements();
-    const auto& splits = self.split_vertices();
+    const auto& elements = self.mesh().elements();
+    const auto& splits = self.mesh().split_vertices();
     std::vector<std::array<std::int32_t, 3>> corners;
     std::vector<std::int32_t> element_parents, twins, points;
     std::vector<std::array<Vec3d, 3>> barycentrics;
@@ -69,14 +70,14 @@ nb::dict mesh(const MeshRefinement& self) {
     std::vector<Vec3f> direct, normals;
     std::vector<float> standard_error;
     std::vector<Vec3d> positions, receiver_positions;
-    const std::size_t total = self.vertex_count() + splits.size();
+    const std::size_t total = self.mesh().vertex_count() + splits.size();
     for (std::size_t v = 0; v < total; ++v) {
-        const std::int32_t sample = self.sample_of(static_cast<std::int32_t>(v));
-        direct.push_back(self.direct(sample));
-        standard_error.push_back(self.standard_error(sample));
-        positions.push_back(self.position(sample));
-        receiver_positions.push_back(self.receiver(sample).position);
-        normals.push_back(self.receiver(sample).normal);
+        const LightSample& sample = self.vertex(static_cast<std::int32_t>(v));
+        direct.push_back(sample.direct);
+        standard_error.push_back(sample.standard_error);
+        positions.push_back(sample.position);
+        receiver_positions.push_back(sample.receiver.position);
+        normals.push_back(sample.receiver.normal);
     }
     nb::dict out;
     const std::size_t split_count = splits.size(), element_count = elements.size();
@@ -137,5 +138,5 @@ void bind_mesh_refinement(nb::module_& module) {
             "The arrays of isolux.solution.RefinedMesh by name, and of its V + S vertices: direct, "
             "standard_error, vertex_positions, vertex_normals, receiver_positions, vertex_areas.")
         .def_prop_ro("element_count",
-                     [](const MeshRefinement& self) { return self.elements().size(); });
+                     [](const MeshRefinement& self) { return self.mesh().elements().size(); });
 }

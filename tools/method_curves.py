@@ -4,8 +4,9 @@
         [--threads N] [--cpu-time] [--csv FILE] [--figure FILE] [--cache FOLDER]
     python tools/method_curves.py --from CSV [--figure FILE]
 
-Prints where the composite is above the lower envelope of the other methods by more than 10 %, and
-the times to 5 % and 2 % with the share of each component. With --cpu-time seconds are those of the
+Prints where the composite is above the lower envelope of the other methods by more than 10 %, the
+times to 5 % and 2 % with the share of each component, and how well the methods agree on the
+indirect light in the end. With --cpu-time seconds are those of the
 processor: on one thread, what a machine without other work would need.
 """
 
@@ -137,6 +138,30 @@ def print_envelope(points: Sequence[CurvePoint]) -> None:
     print_table("The composite against the lower envelope of the other methods", columns, rows)
 
 
+def print_agreement(points: Sequence[CurvePoint]) -> None:
+    """The indirect light of each method after its whole run, beside the path-traced reference."""
+    rows = []
+    for scene in dict.fromkeys(point.scene for point in points):
+        for method in dict.fromkeys(p.method for p in points if p.scene == scene):
+            ends = [run[-1] for run in runs(points, scene, method)]
+            best = min(ends, key=lambda point: point.true_error_indirect)
+            worst = max(ends, key=lambda point: point.true_error_indirect)
+            rows.append(
+                [
+                    scene, method, best.component, f"{best.seconds:.0f}", f"{best.photons:,}",
+                    f"{best.indirect_rays:,}",
+                    f"{best.true_error_indirect:.2%} ± {best.error_bar_indirect:.2%}",
+                    f"{worst.true_error_indirect:.2%} ± {worst.error_bar_indirect:.2%}",
+                    f"{best.reported_error_indirect:.2%}",
+                ]
+            )  # fmt: skip
+    columns = [
+        "scene", "method", "made by", "s", "photons", "gathered rays", "best seed", "worst seed",
+        "reported",
+    ]  # fmt: skip
+    print_table("Indirect light against path tracing: relative RMS, last stage", columns, rows)
+
+
 def print_times(points: Sequence[CurvePoint]) -> None:
     """Times to the goals, and which component they went to."""
     rows = []
@@ -217,6 +242,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print_curves(points)
     print_envelope(points)
     print_times(points)
+    print_agreement(points)
     plot_curve(options.figure, points, title)
     print(f"\n{options.csv}\n{options.figure}")
 

@@ -204,11 +204,12 @@ def test_a_blocker_leaves_a_shadow_and_light_around_it():
     assert light == pytest.approx(open_light * [0, 0, 1, 1], rel=1e-3)
 
 
-def test_the_error_of_a_solution_is_told_without_the_noise_of_the_reference():
+@pytest.mark.parametrize("complete", [False, True])
+def test_the_error_of_a_solution_is_told_without_the_noise_of_the_reference(complete):
     random = np.random.default_rng(5)
     truth = random.uniform(50, 150, (1000, 2, 1)) * np.ones(3)
     noise = 20 * random.standard_normal((16, 1000, 2, 1))  # 5 % of the mean once averaged
-    reference = PathTracedReference(np.arange(1000), truth + noise)
+    reference = PathTracedReference(np.arange(1000), np.full(1000, 1e-3), complete, truth + noise)
     assert reference.noise(INDIRECT) == pytest.approx(0.05, rel=0.05)
     direct, indirect = truth[:, 0], truth[:, 1] * 1.0
     indirect += 3 * random.standard_normal((1000, 1))  # 3 % of the mean

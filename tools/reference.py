@@ -56,13 +56,17 @@ class Error:
 
 @dataclass(frozen=True, slots=True)
 class PathTracedReference:
-    """Illuminance at M illumination vertices, drawn with probability proportional to area.
+    """Illuminance at illumination vertices: all of them, or M at even steps along their area.
 
     vertices : (M,) int64, of the core scene
+    weights : (M,) float64, share of the area that each stands for
+    complete : these are all vertices with light
     batches : (B, M, 2, 3) float64, lx by channel: direct and indirect of independent batches
     """
 
     vertices: NDArray[np.int64]
+    weights: Array
+    complete: bool
     batches: Array
 
     def illuminance(self, part: tuple[int, ...]) -> Array:
@@ -78,10 +82,15 @@ class PathTracedReference:
         batches = self.batches[:, :, part].sum(axis=2) @ LUMINANCE_WEIGHTS
         return batches.mean(axis=0), _standard_error(batches)
 
+    def mean(self, part: tuple[int, ...]) -> float:
+        """Area-weighted mean photometric illuminance, lx."""
+        return float(self.weights @ self.luminance_pair(part)[0])
+
     def noise(self, part: tuple[int, ...]) -> float:
         """The reference's own relative RMS error."""
         mean, error = self.luminance_pair(part)
-        return float(np.sqrt(np.mean(error**2)) / mean.mean()) if mean.any() else 0.0
+        square = self.weights @ error**2
+        return float(np.sqrt(square) / (self.weights @ mean)) if mean.any() else 0.0
 
     def error(self, direct: NDArray, indirect: NDArray, part: tuple[int, ...]) -> Error:
         """Of a solution.
@@ -92,15 +101,19 @@ class PathTracedReference:
         truth, noise = self.luminance_pair(part)
         pair = [values[self.vertices] @ LUMINANCE_WEIGHTS for values in (direct, indirect)]
         difference = sum(pair[i] for i in part) - truth
-        mean = truth.mean()
+        mean = self.weights @ truth
         if mean == 0.0:
             return Error(0.0, 0.0, 0.0, 0.0)
         squares = difference**2 - noise**2
-        rms = float(np.sqrt(max(0.0, squares.mean())))
-        # The noise alone, where the difference drowns in it.
-        least = float(np.sqrt(np.mean(noise**2)) / len(truth) ** 0.25)
-        bar = squares.std() / np.sqrt(len(truth)) / (2 * max(rms, least, 1e-300))
-        median, high = np.percentile(np.abs(difference), (50, 95))
+        square = self.weights @ squares
+        # Of a sample of the vertices, how much they differ is the uncertainty; of all, their noise.
+        spread = (squares - square) ** 2
+        if self.complete:
+            spread = 2 * noise**4 + 4 * noise**2 * np.maximum(0.0, squares)
+        uncertainty = np.sqrt(self.weights**2 @ spread)
+        rms = np.sqrt(max(0.0, square))
+        bar = uncertainty / (2 * max(rms, np.sqrt(uncertainty), 1e-300))
+        median, high = _percentiles(np.abs(difference), self.weights, (0.5, 0.95))
         return Error(*(float(x / mean) for x in (rms, bar, median, high)))
 
 
@@ -116,13 +129,16 @@ def path_traced_reference(
     """Trace the reference, or take it from the cache.
 
     scene, core : as described and as built; the latter only tells where its vertices are
-    vertices : M
+    vertices : M; all where there are no more
     batches : independent, two or more
     strata : along both axes of the cosine-distributed first bounces: a batch has strata²
         paths a vertex
     cache : folder of earlier references; None: always trace
     """
-    chosen = _area_weighted(core.vertex_areas, core.vertex_normals, vertices, seed)
+    areas = core.vertex_areas * (np.abs(core.vertex_normals).max(axis=1) > 0)
+    complete = np.count_nonzero(areas) <= vertices
+    chosen = np.flatnonzero(areas) if complete else _at_even_steps(areas, vertices, seed)
+    weights = areas[chosen] / areas.sum() if complete else np.full(vertices, 1 / vertices)
     positions = np.asarray(core.receiver_positions, np.float64)[chosen]
     normals = np.asarray(core.vertex_normals, np.float64)[chosen]
     parameters = (VERSION, batches, strata, seed)
@@ -131,7 +147,7 @@ def path_traced_reference(
         file = cache / f"reference_{_digest(scene, positions, normals, parameters)}.npz"
         if file.exists():
             with np.load(file) as known:
-                return PathTracedReference(chosen, known["batches"])
+                return PathTracedReference(chosen, weights, complete, known["batches"])
     tracer = PathTracer(scene)
     light = np.empty((batches, len(chosen), 2, 3))
     for batch in range(batches):
@@ -141,7 +157,7 @@ def path_traced_reference(
     if file is not None:
         file.parent.mkdir(parents=True, exist_ok=True)
         np.savez_compressed(file, vertices=chosen, batches=light)
-    return PathTracedReference(chosen, light)
+    return PathTracedReference(chosen, weights, complete, light)
 
 
 class Emitters:
@@ -448,15 +464,17 @@ class LuminaireChoice:
         return which, self._probability[cell, which]
 
 
-def _area_weighted(
-    areas: Array, normals: NDArray[np.float32], count: int, seed: int
-) -> NDArray[np.int64]:
-    """Vertices at even steps along the summed area, so that each has its share of samples."""
-    sound = areas * (np.abs(normals).max(axis=1) > 0)
-    cumulative = np.cumsum(sound)
+def _at_even_steps(areas: Array, count: int, seed: int) -> NDArray[np.int64]:
+    """Vertices at even steps along the summed area."""
+    cumulative = np.cumsum(areas)
     shift = np.random.default_rng([seed]).random()
     at = (np.arange(count) + shift) / count * cumulative[-1]
     return np.minimum(np.searchsorted(cumulative, at, side="right"), len(areas) - 1)
+
+
+def _percentiles(values: Array, weights: Array, shares: Sequence[float]) -> Array:
+    order = np.argsort(values)
+    return np.interp(shares, np.cumsum(weights[order]), values[order])
 
 
 def _standard_error(batches: Array) -> Array:
@@ -526,7 +544,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     print(f"{time.perf_counter() - started:.1f} s")
     for name, part in (("direct", DIRECT), ("indirect", INDIRECT), ("total", TOTAL)):
-        mean = reference.luminance_pair(part)[0].mean()
+        mean = reference.mean(part)
         print(f"{name:9} mean {mean:.2f} lx, standard error {reference.noise(part):.2%} (RMS)")
 
 

@@ -57,25 +57,20 @@ def solve(source: Path, settings: SolverSettings, folder: Path) -> list[Progress
         writers[0].write(at_vertices(solution))
         writers[1].write(solution)
         stages.append(solution.stage)
-        print(caption(solution.stage, stages[:-1]), flush=True)
     return stages
 
 
-def caption(stage: ProgressiveStage, before: Sequence[ProgressiveStage]) -> str:
-    """Two lines: what made the stage, and how good it is after how long."""
-    switchovers = [
-        f", {name} = {seconds:.2f} s"
-        for name, seconds, known in (
-            ("T1", stage.switchover_time, any(s.switchover_time for s in before)),
-            ("T2", stage.second_switchover_time, any(s.second_switchover_time for s in before)),
-        )
-        if seconds > 0 and not known
-    ]
+def caption(stages: Sequence[ProgressiveStage], i: int) -> str:
+    """Two lines: what made a stage, and how good it is after how long."""
+    stage = stages[i]
+    made_by = f"{stage.index}   {stage.component}, {stage.elapsed:.2f} s"
+    if stage.component == "DDL":
+        if i == 0 or stages[i - 1].component != "DDL":
+            made_by += f", from T1 = {stage.switchover_time:.2f} s"
+        if stages[min(i + 1, len(stages) - 1)].component != "DDL":
+            made_by += f", to T2 = {stage.second_switchover_time:.2f} s"
     error = "unknown" if math.isnan(stage.rms_error) else f"{100 * stage.rms_error:.3g} %"
-    return (
-        f"{stage.index}   {stage.component}, {stage.elapsed:.2f} s{''.join(switchovers)}\n"
-        f"RMS error {error}, {stage.elements:,} triangles"
-    )
+    return f"{made_by}\nRMS error {error}, {stage.elements:,} triangles"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -105,12 +100,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     last = seen["refined"][-1]
     exposure = log_average_exposure(last.rgb, last.coverage)
     pictures, captions = [], []
-    for i, stage in enumerate(stages):
-        told = caption(stage, stages[:i])
+    for i in range(len(stages)):
         for mode in MODES:
             picture = display_colours(seen[mode][i].rgb, exposure)
             pictures.append(Image.fromarray(picture))
-            captions.append(f"{mode}: {told}")
+            captions.append(f"{mode}: {caption(stages, i)}")
     sheet = contact_sheet(pictures, captions, 2 * min(options.pairs, len(stages)))
     with replace_atomically(options.sheet) as temporary:
         sheet.save(temporary, "PNG")

@@ -11,7 +11,8 @@ from __future__ import annotations
 import argparse
 import math
 import tempfile
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -47,13 +48,15 @@ def at_vertices(solution: Solution) -> Solution:
     )
 
 
-def solve(source: Path, settings: SolverSettings, folder: Path) -> list[ProgressiveStage]:
+def solve(
+    source: Path, settings: SolverSettings, clock: Callable[[], float], folder: Path
+) -> list[ProgressiveStage]:
     """One run, written in both modes. returns : its progressive stages"""
     stage = open_stage(source)
     scene = read_stage(stage)
     writers = [ResultsWriter(stage, folder / f"{mode}.usda", scene, {}) for mode in MODES]
     stages = []
-    for solution in ProgressiveSolver(scene, settings).stages():
+    for solution in ProgressiveSolver(scene, settings, clock).stages():
         writers[0].write(at_vertices(solution))
         writers[1].write(solution)
         stages.append(solution.stage)
@@ -79,15 +82,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("sheet", type=Path)
     parser.add_argument("--time-budget", type=float, default=20.0, help="s")
     parser.add_argument("--threads", type=int, default=0)
+    parser.add_argument("--cpu-time", action="store_true", help="count the processor's seconds")
     parser.add_argument("--camera", help="prim path; else the first, or one framed on the interior")
     parser.add_argument("--width", type=int, default=480, help="pixels of each picture")
     parser.add_argument("--pairs", type=int, default=2, help="stages in a row of the sheet")
     options = parser.parse_args(arguments)
 
     settings = SolverSettings(method="composite", output_mode="refined", threads=options.threads)
+    settings = settings.with_budget(time_budget=options.time_budget)
+    clock = time.process_time if options.cpu_time else time.perf_counter
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        stages = solve(options.stage, settings.with_budget(time_budget=options.time_budget), folder)
+        stages = solve(options.stage, settings, clock, folder)
         seen: dict[str, list[Picture]] = {}
         for mode in MODES:
             results = Usd.Stage.Open(str(folder / f"{mode}.usda"))

@@ -1,5 +1,6 @@
 // Rays among triangles, and triangles of polygons.
 #include <memory>
+#include <algorithm>
 #include <stdexcept>
 
 #include <tbb/parallel_for.h>
@@ -59,9 +60,15 @@ Out<bool> occluded(const RayCaster& caster, const In3<double>& origins,
     auto out = std::make_unique<bool[]>(from.size()); // std::vector<bool> has no array of bool
     {
         nb::gil_scoped_release release;
-        tbb::parallel_for(std::size_t{0}, from.size(), [&](std::size_t i) {
-            const Ray ray{(from[i] - caster.origin()).as<float>(), (to[i] - from[i]).as<float>()};
-            out[i] = caster.occluded(ray, 1.0F);
+        std::vector<Ray> rays(from.size());
+        for (std::size_t i = 0; i < rays.size(); ++i) {
+            rays[i] = {(from[i] - caster.origin()).as<float>(), (to[i] - from[i]).as<float>()};
+        }
+        constexpr std::size_t kRaysAtOnce = 1024;
+        tbb::parallel_for(std::size_t{0}, rays.size() / kRaysAtOnce + 1, [&](std::size_t block) {
+            const std::size_t first = block * kRaysAtOnce;
+            const std::size_t count = std::min(kRaysAtOnce, rays.size() - first);
+            caster.occluded({&rays[first], count}, {&out[first], count});
         });
     }
     bool* values = out.release(); // freed by the capsule

@@ -70,7 +70,7 @@ def solve_stage(
     solver = ProgressiveSolver(scene, settings)
     with stop_on_signal() as stop:
         stages, write_seconds = _solve_and_write(solver, writer, output, stop, messages, steps)
-        late_findings = solver.findings()
+        late_findings = solver.findings() + tuple(writer.findings)
         if late_findings:
             messages.print(findings_summary(late_findings))
         seconds = PhaseSeconds(

@@ -26,7 +26,7 @@ class LuminaireIlluminance {
     // The angle from local -Z beyond which there is no light, rad.
     double reach() const { return reach_; }
 
-    // lx. Exact for constant luminance; a goniometric diagram counts as a point beyond five
+    // lx. Exact for constant luminance; a goniometric diagram counts as a point beyond seven
     // openings, by quadrature over the opening nearer.
     double unoccluded(const Receiver& receiver) const;
 
@@ -51,7 +51,8 @@ class LuminaireIlluminance {
 
     Luminaire luminaire_;
     double radius_, reach_;
-    double area_;  // luminous, m²
+    double point_openings_; // beyond so many a diagram is a point's
+    double area_;           // luminous, m²
     double scale_; // cd for each unit of the diagram, or of the shape's own directional profile
 };
 

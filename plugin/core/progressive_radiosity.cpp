@@ -1,1 +1,189 @@
 #include "core/progressive_radiosity.h"
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <cassert>
+#include <cmath>
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+#include "core/random.h"
+
+namespace isolux {
+namespace {
+
+constexpr double kLeaves = 6000.0;
+// Of what remains unshot, of the accuracy: small beside what visibility leaves open.
+constexpr double kTruncation = 0.1;
+// Tolerance of one interaction, of the accuracy times the mean illuminance: errors of the some
+// hundred interactions of a receiver are independent for the most part.
+constexpr double kInteraction = 0.25;
+
+Vec3d reflected(const Vec3f& reflectance, const Vec3d& illuminance) {
+    return reflectance.as<double>() * illuminance;
+}
+
+Exitance exitance_of(const Vec3d& colour) { return {colour, luminance(colour), luminance(colour)}; }
+
+std::uint64_t position_key(const Receiver& receiver) {
+    const auto bits = [](double x) { return std::bit_cast<std::uint64_t>(x); };
+    const Vec3d& p = receiver.position;
+    const Vec3d n = receiver.normal.as<double>();
+    std::uint64_t key = 0;
+    for (const double x : {p.x, p.y, p.z, n.x, n.y, n.z}) {
+        key = mix64(key + bits(x));
+    }
+    return key;
+}
+
+} // namespace
+
+ProgressiveRadiosity::ProgressiveRadiosity(const Scene& scene, const RadiositySettings& settings)
+    : scene_(scene), settings_(settings), hierarchy_(radiosity_hierarchy(scene.mesh(), kLeaves)) {
+    begin(std::vector<Vec3f>(hierarchy_.leaves.size()));
+}
+
+std::vector<Receiver> ProgressiveRadiosity::receivers() const {
+    std::vector<Receiver> out(hierarchy_.leaves.size());
+    std::ranges::transform(hierarchy_.leaves, out.begin(), [this](std::int32_t leaf) {
+        const RadiosityNode& node = hierarchy_.nodes[leaf];
+        return Receiver{node.centre, node.normal.as<float>()};
+    });
+    return out;
+}
+
+void ProgressiveRadiosity::begin(std::span<const Vec3f> direct) {
+    assert(direct.size() == hierarchy_.leaves.size());
+    progress_ = {};
+    sweep_ = 0;
+    unshot_.assign(hierarchy_.nodes.size(), {});
+    double area = 0.0, absorbed = 0.0, incident = 0.0;
+    for (std::size_t i = 0; i < direct.size(); ++i) {
+        const RadiosityNode& leaf = hierarchy_.nodes[hierarchy_.leaves[i]];
+        const Vec3f& rho =
+            scene_.mesh().surfaces[static_cast<std::size_t>(leaf.surface)].reflectance;
+        unshot_[hierarchy_.leaves[i]] = exitance_of(reflected(rho, direct[i].as<double>()));
+        area += leaf.area;
+        incident += leaf.area;
+        absorbed += leaf.area * (1.0 - static_cast<double>(luminance(rho)));
+    }
+    pull(unshot_);
+    total_ = unshot_;
+    decay_ = incident > 0.0 ? 1.0 - absorbed / incident : 0.0;
+    const double first = flux(unshot_);
+    scale_ = area > 0.0 ? first / (area * std::max(1e-3, 1.0 - decay_)) : 0.0;
+    progress_.finished = first <= 0.0;
+    progress_.unshot = first > 0.0 ? 1.0 : 0.0;
+}
+
+ShootingProgress ProgressiveRadiosity::advance(std::uint64_t ray_budget, int threads) {
+    const std::uint64_t end = progress_.rays + ray_budget;
+    while (!progress_.finished) {
+        const double before = flux(unshot_);
+        // Late sweeps carry little; their errors add up like the light they carry.
+        const double share = before / (progress_.shot_flux + before);
+        const double tolerance = kInteraction * settings_.accuracy * scale_ * std::sqrt(share);
+        const RadiosityExchange exchange(scene_, hierarchy_, unshot_, tolerance,
+                                         settings_.seed + mix64(++sweep_));
+        received_.assign(hierarchy_.nodes.size(), {});
+        std::atomic<std::uint64_t> rays{0};
+        tbb::task_arena(threads).execute([&] {
+            tbb::parallel_for(std::size_t{0}, hierarchy_.element_sides.size(), [&](std::size_t i) {
+                std::uint64_t own = 0;
+                exchange.onto(hierarchy_.element_sides[i], received_, own);
+                rays += own;
+            });
+        });
+        double received = 0.0;
+        for (const std::int32_t leaf : hierarchy_.leaves) {
+            const RadiosityNode& node = hierarchy_.nodes[leaf];
+            const Surface& surface = scene_.mesh().surfaces[static_cast<std::size_t>(node.surface)];
+            unshot_[leaf] = exitance_of(reflected(surface.reflectance, received_[leaf]));
+            total_[leaf] = exitance_of(total_[leaf].mean + unshot_[leaf].mean);
+            received += node.area * luminance(received_[leaf]);
+        }
+        pull(unshot_);
+        const double after = flux(unshot_);
+        decay_ = std::min(after / before, 1.0 - 1e-6);
+        progress_.shot_flux += before;
+        progress_.received_flux += received;
+        progress_.rays += rays;
+        // What later reflections make of it counts, too.
+        const double rest = after / (1.0 - decay_);
+        progress_.unshot = rest / (progress_.shot_flux + rest);
+        progress_.finished = progress_.unshot * decay_ <= kTruncation * settings_.accuracy;
+        if (progress_.rays >= end) {
+            break;
+        }
+    }
+    pull(total_);
+    return progress_;
+}
+
+std::vector<Vec3f> ProgressiveRadiosity::exitance() const {
+    std::vector<Vec3f> out(hierarchy_.leaves.size());
+    std::ranges::transform(hierarchy_.leaves, out.begin(),
+                           [this](std::int32_t leaf) { return total_[leaf].mean.as<float>(); });
+    return out;
+}
+
+IndirectIllumination ProgressiveRadiosity::indirect(std::span<const Receiver> receivers,
+                                                    int threads) const {
+    IndirectIllumination out{std::vector<Vec3f>(receivers.size()),
+                             std::vector<float>(receivers.size())};
+    const double tolerance = kInteraction * settings_.accuracy * scale_;
+    const RadiosityExchange exchange(scene_, hierarchy_, total_, tolerance, settings_.seed);
+    const double area = hierarchy_.nodes.empty() ? 1.0 : hierarchy_.nodes.front().area;
+    const double truncated = flux(unshot_) * decay_ / ((1.0 - decay_) * area);
+    std::atomic<std::uint64_t> rays{0};
+    const auto illuminate = [&](std::size_t i) {
+        if (dot(receivers[i].normal, receivers[i].normal) == 0.0F) {
+            return; // of a degenerate element
+        }
+        std::uint64_t own = 0;
+        const PointIlluminance found =
+            exchange.at_point(receivers[i], position_key(receivers[i]), own);
+        rays += own;
+        out.illuminance[i] = found.illuminance.as<float>();
+        // Leaves of twice the edge are off four times as far.
+        const double leaves = luminance(found.coarser) / 3.0;
+        out.standard_error[i] =
+            static_cast<float>(std::sqrt(found.variance + leaves * leaves + truncated * truncated));
+    };
+    if (!hierarchy_.nodes.empty()) {
+        tbb::task_arena(threads).execute(
+            [&] { tbb::parallel_for(std::size_t{0}, receivers.size(), illuminate); });
+    }
+    out.rays = rays;
+    return out;
+}
+
+// From the leaves to all nodes.
+void ProgressiveRadiosity::pull(std::vector<Exitance>& exitance) const {
+    for (std::size_t i = hierarchy_.nodes.size(); i-- > 0;) {
+        const RadiosityNode& node = hierarchy_.nodes[i];
+        if (node.leaf()) {
+            continue;
+        }
+        const std::int32_t child = node.first_child;
+        Exitance sum{{}, exitance[child].low, exitance[child].high};
+        for (std::int32_t k = child; k < child + node.child_count(); ++k) {
+            sum.mean += exitance[k].mean * (hierarchy_.nodes[k].area / node.area);
+            sum.low = std::min(sum.low, exitance[k].low);
+            sum.high = std::max(sum.high, exitance[k].high);
+        }
+        exitance[i] = sum;
+    }
+}
+
+// lm, photometric
+double ProgressiveRadiosity::flux(const std::vector<Exitance>& exitance) const {
+    return hierarchy_.nodes.empty()
+               ? 0.0
+               : luminance(exitance.front().mean) * hierarchy_.nodes.front().area;
+}
+
+} // namespace isolux

@@ -1,0 +1,466 @@
+#include "core/radiosity_exchange.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "core/random.h"
+#include "core/sobol.h"
+
+namespace isolux {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+
+// Visibility rays of an interaction: some, and more where they disagree.
+constexpr std::uint32_t kProbes = 4, kRays = 16;
+// A triangle of which all is within this fraction of its distance counts as a point: form factor
+// off by its square.
+constexpr double kFarField = 1.0 / 32.0;
+// Of distances, when a corner counts as above a plane.
+constexpr double kRounding = 0x1p-32;
+// What one interaction may bring, in tolerances, even where nothing seems to be in the way: a
+// blocker that the probes miss is off by no more.
+constexpr double kLargestShare = 8.0;
+// The same, where something is in the way.
+constexpr double kLargestMixedShare = 2.0;
+
+// What may be spread over the hidden parts of a receiver altogether, in tolerances.
+constexpr double kMixedSlack = 8.0;
+
+// What of a triangle is on the front of a plane, as up to two triangles.
+class Region {
+  public:
+    explicit Region(const Triangle& whole) : parts_{whole, {}} {}
+
+    Region(const Triangle& whole, const Vec3d& on_plane, const Vec3d& normal) {
+        std::array<double, 3> height;
+        for (std::size_t k = 0; k < 3; ++k) {
+            height[k] = dot(whole[k] - on_plane, normal);
+        }
+        std::array<Vec3d, 4> corners;
+        std::size_t count = 0;
+        for (std::size_t k = 0; k < 3; ++k) {
+            const std::size_t next = (k + 1) % 3;
+            if (height[k] >= 0.0) {
+                corners[count++] = whole[k];
+            }
+            if ((height[k] > 0.0 && height[next] < 0.0) ||
+                (height[k] < 0.0 && height[next] > 0.0)) {
+                const double t = height[k] / (height[k] - height[next]);
+                corners[count++] = whole[k] + (whole[next] - whole[k]) * t;
+            }
+        }
+        if (count < 3) {
+            parts_[0] = whole;
+            return;
+        }
+        parts_[0] = {corners[0], corners[1], corners[2]};
+        if (count == 4) {
+            parts_[1] = {corners[0], corners[2], corners[3]};
+            const double a = area(parts_[0]), b = area(parts_[1]);
+            first_ = a + b > 0.0 ? a / (a + b) : 1.0;
+        }
+    }
+
+    // Uniform over the region for u, v uniform in [0, 1).
+    Vec3d point(double u, double v) const {
+        const bool second = u >= first_;
+        u = second ? (u - first_) / (1.0 - first_) : u / first_;
+        const Triangle& t = parts_[second ? 1 : 0];
+        const double root = std::sqrt(std::clamp(u, 0.0, 1.0));
+        return t[0] * (1.0 - root) + t[1] * (root * (1.0 - v)) + t[2] * (root * v);
+    }
+
+  private:
+    static double area(const Triangle& t) { return length(cross(t[1] - t[0], t[2] - t[0])); }
+
+    std::array<Triangle, 2> parts_;
+    double first_ = 1.0; // share of the first part's area
+};
+
+// Where light is received: at a point, or all over a triangle about it.
+struct RayOrigins {
+    Vec3d centre, normal;
+    const Triangle* triangle = nullptr;
+};
+
+// What rays to a source found.
+struct Sampled {
+    // Of a triangle its exitance, 0 where something is in the way, weighted as it illuminates; of a
+    // cluster the illuminance that it gives.
+    Vec3d light;
+    double variance = 0.0; // of its luminance
+    bool mixed = false;    // something is in the way of a part
+};
+
+class Exchange {
+  public:
+    Exchange(const Scene& scene, const RadiosityHierarchy& hierarchy,
+             std::span<const Exitance> exitance, double tolerance, std::uint64_t seed)
+        : caster_(scene.ray_caster()), nodes_(hierarchy.nodes), exitance_(exitance),
+          tolerance_(tolerance), seed_(seed) {}
+
+    PointIlluminance at_point(const Receiver& receiver, std::uint64_t key) {
+        PointIlluminance out;
+        const RayOrigins origins{receiver.position, receiver.normal.as<double>(), nullptr};
+        pending_.assign(1, 0);
+        while (!pending_.empty()) {
+            const std::int32_t s = pending_.back();
+            pending_.pop_back();
+            take_at(origins, s, key, out);
+        }
+        return out;
+    }
+
+    // linear : illuminance of the receiver's corners by what its ancestors took
+    // slack : lx that may yet be spread over a receiver of which a part is hidden. A part hidden
+    //     from one source is hidden from most: such errors don't average out
+    void onto(std::int32_t r, const std::vector<std::int32_t>& sources, std::array<Vec3d, 3> linear,
+              double slack, std::span<Vec3d> received) {
+        const RadiosityNode& receiver = nodes_[r];
+        const RayOrigins origins{receiver.centre, receiver.normal, &receiver.corners};
+        if (receiver.leaf()) {
+            PointIlluminance own;
+            pending_.assign(sources.begin(), sources.end());
+            while (!pending_.empty()) {
+                const std::int32_t s = pending_.back();
+                pending_.pop_back();
+                take_at(origins, s, static_cast<std::uint64_t>(r), own);
+            }
+            received[r] = own.illuminance + (linear[0] + linear[1] + linear[2]) * (1.0 / 3.0);
+            return;
+        }
+        std::vector<std::int32_t> for_children;
+        pending_.assign(sources.begin(), sources.end());
+        while (!pending_.empty()) {
+            const std::int32_t s = pending_.back();
+            pending_.pop_back();
+            if (exitance_[s].high > 0.0 && may_see(origins, receiver.radius, s) &&
+                !take_onto(r, origins, s, linear, slack)) {
+                for_children.push_back(s);
+            }
+        }
+        const auto& [a, b, c] = linear;
+        const Vec3d ab = (a + b) * 0.5, bc = (b + c) * 0.5, ca = (c + a) * 0.5;
+        const std::int32_t child = receiver.first_child;
+        onto(child, for_children, {a, ab, ca}, slack, received);
+        onto(child + 1, for_children, {ab, b, bc}, slack, received);
+        onto(child + 2, for_children, {ca, bc, c}, slack, received);
+        onto(child + 3, for_children, {bc, ca, ab}, slack, received);
+    }
+
+    std::uint64_t rays = 0;
+
+  private:
+    // Some of the source is above the receiver's horizon and looks to where the receiver is.
+    bool may_see(const RayOrigins& origins, double receiver_radius, std::int32_t s) const {
+        const RadiosityNode& source = nodes_[s];
+        const Vec3d to = source.centre - origins.centre;
+        const double reach = source.radius + receiver_radius;
+        if (dot(to, origins.normal) <= -reach) {
+            return false;
+        }
+        if (source.cluster()) {
+            const double distance = length(to);
+            return -dot(to, source.normal) > -(source.normal_sine * distance + 2.0 * reach);
+        }
+        // Coplanar neighbours, or those behind, are many.
+        const double rounding = kRounding * (length(to) + reach);
+        const auto above = [&](const Vec3d& p) {
+            return dot(p - origins.centre, origins.normal) > rounding;
+        };
+        return dot(to, source.normal) < receiver_radius - rounding &&
+               std::ranges::any_of(source.corners, above);
+    }
+
+    // Form factor from a point to a triangle in full view.
+    double factor(const Vec3d& position, const Vec3d& normal, std::int32_t s) const {
+        const RadiosityNode& source = nodes_[s];
+        const Vec3d to = source.centre - position;
+        const double d2 = dot(to, to);
+        if (source.radius * source.radius > kFarField * kFarField * d2) {
+            return form_factor(position, normal, source.corners);
+        }
+        const double cosines =
+            std::max(0.0, dot(to, normal)) * std::max(0.0, -dot(to, source.normal));
+        return source.area * cosines / (kPi * d2 * d2);
+    }
+
+    // Whether all that a cluster may give is too little to look closer.
+    bool faint(const RayOrigins& origins, double receiver_radius, std::int32_t s) const {
+        const RadiosityNode& source = nodes_[s];
+        const double gap = length(source.centre - origins.centre) - source.radius - receiver_radius;
+        return gap > 0.0 && source.area * exitance_[s].high <= tolerance_ * kPi * gap * gap;
+    }
+
+    // Whether a point is in the plane of a triangle, and near to it.
+    bool touching(const Vec3d& p, std::int32_t s) const {
+        const RadiosityNode& source = nodes_[s];
+        const Vec3d to = source.centre - p;
+        return dot(to, to) < 4.0 * source.radius * source.radius &&
+               std::abs(dot(to, source.normal)) <= kRounding * source.radius;
+    }
+
+    void open(std::int32_t s) {
+        const RadiosityNode& source = nodes_[s];
+        for (std::int32_t k = source.child_count(); k-- > 0;) {
+            pending_.push_back(source.first_child + k);
+        }
+    }
+
+    // Too coarse a source: its light is uneven, or comes from too wide a region.
+    bool coarse(double form_factor, std::int32_t s) const {
+        const Exitance& light = exitance_[s];
+        return !nodes_[s].leaf() && (form_factor * (light.high - light.low) > tolerance_ ||
+                                     form_factor * light.high > kLargestShare * tolerance_);
+    }
+
+    // Takes the source's light at a point, or for a leaf, or puts off the source's children.
+    void take_at(const RayOrigins& origins, std::int32_t s, std::uint64_t key,
+                 PointIlluminance& out) {
+        const Exitance& light = exitance_[s];
+        if (light.high <= 0.0 || !may_see(origins, 0.0, s)) {
+            return;
+        }
+        if (nodes_[s].cluster()) {
+            if (!faint(origins, 0.0, s)) {
+                open(s);
+                return;
+            }
+            const Sampled seen = sample(origins, key, s, 0.0);
+            out.illuminance += seen.light;
+            out.variance += seen.variance;
+            return;
+        }
+        const double f = factor(origins.centre, origins.normal, s);
+        if (f == 0.0) {
+            return;
+        }
+        if (coarse(f, s)) {
+            open(s);
+            return;
+        }
+        const Sampled seen = sample(origins, key, s, f * light.high);
+        if (seen.mixed && !nodes_[s].leaf() && f * light.high > kLargestMixedShare * tolerance_) {
+            open(s);
+            return;
+        }
+        out.illuminance += seen.light * f;
+        out.variance += f * f * seen.variance;
+        const std::int32_t parent = nodes_[s].leaf() ? nodes_[s].parent : -1;
+        if (parent >= 0) {
+            const double own = luminance(light.mean);
+            const double share = own > 0.0 ? luminance(seen.light) / own : 0.0;
+            out.coarser += (exitance_[parent].mean - light.mean) * (f * share);
+        }
+    }
+
+    // The same for all of an inner receiver; false where its children shall see to it.
+    bool take_onto(std::int32_t r, const RayOrigins& origins, std::int32_t s,
+                   std::array<Vec3d, 3>& linear, double& slack) {
+        const RadiosityNode& receiver = nodes_[r];
+        const Exitance& light = exitance_[s];
+        const bool larger = nodes_[s].area > receiver.area;
+        if (nodes_[s].cluster()) {
+            if (faint(origins, receiver.radius, s)) {
+                const Sampled seen = sample(origins, static_cast<std::uint64_t>(r), s, 0.0);
+                for (Vec3d& at_corner : linear) {
+                    at_corner += seen.light;
+                }
+                return true;
+            }
+            if (larger) {
+                open(s);
+            }
+            return larger;
+        }
+        const double middle = factor(origins.centre, origins.normal, s);
+        std::array<double, 3> corner;
+        bool touches = false;
+        for (std::size_t k = 0; k < 3; ++k) {
+            const bool jumps = touching(receiver.corners[k], s); // the form factor, there
+            touches = touches || jumps;
+            corner[k] = jumps ? middle : factor(receiver.corners[k], origins.normal, s);
+        }
+        const double most = std::max({middle, corner[0], corner[1], corner[2]});
+        if (most == 0.0) {
+            // Nothing at four points; a source that is near may yet be seen between them.
+            return nodes_[s].radius + receiver.radius < length(nodes_[s].centre - receiver.centre);
+        }
+        const double bend = middle - (corner[0] + corner[1] + corner[2]) / 3.0;
+        const double off = touches ? middle : std::abs(bend);
+        const bool uneven = off * light.high > tolerance_;
+        const bool too_coarse = coarse(most, s);
+        if (too_coarse && (!uneven || larger)) {
+            open(s);
+            return true;
+        }
+        if (uneven) {
+            return false;
+        }
+        const Sampled seen = sample(origins, static_cast<std::uint64_t>(r), s, most * light.high);
+        if (seen.mixed) {
+            if (most * light.high > slack) {
+                if (larger && !nodes_[s].leaf()) {
+                    open(s);
+                    return true;
+                }
+                return false;
+            }
+            slack -= most * light.high;
+        }
+        for (std::size_t k = 0; k < 3; ++k) {
+            // The mean of a quadratic is three quarters its middle, one quarter its corners' mean.
+            linear[k] += seen.light * (corner[k] + 0.75 * bend);
+        }
+        return true;
+    }
+
+    Sampled sample(const RayOrigins& origins, std::uint64_t key, std::int32_t s, double brings) {
+        const std::uint64_t pair = mix64(mix64(seed_ + key) + static_cast<std::uint64_t>(s));
+        const RadiosityNode& source = nodes_[s];
+        // Only points that face each other.
+        const Region to_region = source.cluster()
+                                     ? Region(Triangle{})
+                                     : Region(source.corners, origins.centre, origins.normal);
+        const Region from_region = origins.triangle == nullptr ? Region(Triangle{})
+                                   : source.cluster()
+                                       ? Region(*origins.triangle)
+                                       : Region(*origins.triangle, source.centre, source.normal);
+        std::array<double, kRays> weights, values;
+        double weight = 0.0, seen = 0.0;
+        Sampled out;
+        std::uint32_t count = 0, used = 0;
+        for (const std::uint32_t end : {kProbes, kRays}) {
+            for (; count < end; ++count) {
+                Vec3d from = origins.centre;
+                if (origins.triangle != nullptr) {
+                    const auto [u, v] = sobol_point(count, ~pair);
+                    from = from_region.point(u, v);
+                }
+                const auto [u, v] = sobol_point(count, pair);
+                const SourcePoint at = source.cluster() ? cluster_point(s, u, v)
+                                                        : triangle_point(s, to_region.point(u, v));
+                const Vec3d& normal = nodes_[at.leaf].normal;
+                const Vec3d to = at.position - from;
+                const double d2 = dot(to, to);
+                const double cosines =
+                    std::max(0.0, dot(to, origins.normal)) * std::max(0.0, -dot(to, normal));
+                if (cosines <= 0.0) {
+                    continue;
+                }
+                const double w = cosines / (d2 * d2);
+                weight += w;
+                weights[used] = w;
+                values[used] = 0.0;
+                if (sees(from, origins.normal, at.position, normal)) {
+                    seen += w;
+                    out.light += exitance_[at.leaf].mean * w;
+                    values[used] = luminance(exitance_[at.leaf].mean);
+                }
+                ++used;
+            }
+            out.mixed = seen > 0.0 && seen < weight;
+            if (!out.mixed || brings < 0.25 * tolerance_) {
+                break;
+            }
+        }
+        if (weight <= 0.0) {
+            return {};
+        }
+        const double scale = source.cluster() ? source.area / (kPi * count) : 1.0 / weight;
+        out.light = out.light * scale;
+        const double mean = luminance(out.light) / (scale * weight);
+        for (std::uint32_t k = 0; k < used; ++k) { // of a ratio of sums
+            const double off = weights[k] * (values[k] - mean) * scale;
+            out.variance += off * off;
+        }
+        return out;
+    }
+
+    struct SourcePoint {
+        Vec3d position;
+        std::int32_t leaf;
+    };
+
+    // u, v uniform in [0, 1): uniform over the cluster's area.
+    SourcePoint cluster_point(std::int32_t s, double u, double v) const {
+        while (nodes_[s].cluster()) {
+            const std::int32_t child = nodes_[s].first_child;
+            const double first = nodes_[child].area / nodes_[s].area;
+            const bool second = u >= first;
+            u = second ? (u - first) / (1.0 - first) : u / first;
+            s = second ? child + 1 : child;
+        }
+        return triangle_point(s, Region(nodes_[s].corners).point(u, v));
+    }
+
+    // Finds the leaf of a triangle where a point of it is.
+    SourcePoint triangle_point(std::int32_t s, const Vec3d& position) const {
+        if (nodes_[s].leaf()) {
+            return {position, s};
+        }
+        const Triangle& t = nodes_[s].corners;
+        std::array<double, 3> b;
+        for (std::size_t k = 0; k < 3; ++k) {
+            const Vec3d &p = t[(k + 1) % 3], &q = t[(k + 2) % 3];
+            b[k] =
+                dot(cross(p - position, q - position), nodes_[s].normal) / (2.0 * nodes_[s].area);
+        }
+        while (!nodes_[s].leaf()) {
+            std::int32_t child = 3;
+            for (std::int32_t k = 0; k < 3; ++k) {
+                child = b[k] >= 0.5 ? k : child;
+            }
+            for (std::int32_t k = 0; k < 3; ++k) {
+                b[k] = child == 3 ? 1.0 - 2.0 * b[k] : 2.0 * b[k] - (child == k ? 1.0 : 0.0);
+            }
+            s = nodes_[s].first_child + child;
+        }
+        return {position, s};
+    }
+
+    bool sees(const Vec3d& from, const Vec3d& from_normal, const Vec3d& to,
+              const Vec3d& to_normal) {
+        ++rays;
+        const auto off_surface = [this](const Vec3d& p, const Vec3d& n) {
+            const Vec3f local = (p - caster_.origin()).as<float>();
+            return local + n.as<float>() * caster_.offset(local, 0.0F);
+        };
+        const Vec3f a = off_surface(from, from_normal), b = off_surface(to, to_normal);
+        return !caster_.occluded({a, b - a}, 1.0F);
+    }
+
+    const RayCaster& caster_;
+    const std::vector<RadiosityNode>& nodes_;
+    std::span<const Exitance> exitance_;
+    double tolerance_;
+    std::uint64_t seed_;
+    std::vector<std::int32_t> pending_;
+};
+
+} // namespace
+
+RadiosityExchange::RadiosityExchange(const Scene& scene, const RadiosityHierarchy& hierarchy,
+                                     std::span<const Exitance> exitance, double tolerance,
+                                     std::uint64_t seed)
+    : scene_(scene), hierarchy_(hierarchy), exitance_(exitance), tolerance_(tolerance),
+      seed_(mix64(seed)) {}
+
+PointIlluminance RadiosityExchange::at_point(const Receiver& receiver, std::uint64_t key,
+                                             std::uint64_t& rays) const {
+    Exchange exchange(scene_, hierarchy_, exitance_, tolerance_, seed_);
+    const PointIlluminance out = exchange.at_point(receiver, key);
+    rays += exchange.rays;
+    return out;
+}
+
+void RadiosityExchange::onto(std::int32_t element_side, std::span<Vec3d> received,
+                             std::uint64_t& rays) const {
+    Exchange exchange(scene_, hierarchy_, exitance_, tolerance_, seed_);
+    exchange.onto(element_side, {0}, {}, kMixedSlack * tolerance_, received);
+    rays += exchange.rays;
+}
+
+} // namespace isolux

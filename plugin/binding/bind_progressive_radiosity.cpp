@@ -38,6 +38,7 @@ nb::dict advance(ProgressiveRadiosity& self, std::uint64_t ray_budget, int threa
     nb::dict out;
     out["unshot"] = progress.unshot;
     out["shot_flux"] = progress.shot_flux;
+    out["lost_flux"] = progress.lost_flux;
     out["received_flux"] = progress.received_flux;
     out["rays"] = progress.rays;
     out["finished"] = progress.finished;
@@ -89,7 +90,7 @@ void bind_progressive_radiosity(nb::module_& module) {
              "Shoots, a reflection at a time, until about so many rays are spent, one reflection "
              "at least.\n"
              "returns : dict of unshot, the share of the indirect light still to come; shot_flux, "
-             "received_flux, lm so far; rays so far; finished")
+             "lost_flux, received_flux, lm so far; rays so far; finished")
         .def_prop_ro(
             "exitance", [](const ProgressiveRadiosity& self) { return hand_over(self.exitance()); },
             nb::rv_policy::automatic,

@@ -24,9 +24,9 @@ struct RadiositySettings {
 
 struct ShootingProgress {
     double unshot = 1.0; // share of all reflected flux
-    // lm: how much was shot so far, and how much of it was received. The rest left the scene or
-    // fell on the backs of one-sided meshes.
-    double shot_flux = 0.0, received_flux = 0.0;
+    // lm: how much was shot so far, how much of it left the scene or fell on the backs of one-sided
+    // meshes, and how much was received before that was made to fit the two.
+    double shot_flux = 0.0, lost_flux = 0.0, received_flux = 0.0;
     std::uint64_t rays = 0;
     bool finished = false; // what is unshot is below a tenth of the accuracy
 };
@@ -55,6 +55,8 @@ class ProgressiveRadiosity {
     IndirectIllumination indirect(std::span<const Receiver> receivers, int threads) const;
 
   private:
+    void find_losses(int threads);
+    bool one_sided(std::int32_t element) const;
     void pull(std::vector<Exitance>& exitance) const;
     double flux(const std::vector<Exitance>& exitance) const;
 
@@ -63,6 +65,7 @@ class ProgressiveRadiosity {
     RadiosityHierarchy hierarchy_;
     std::vector<Exitance> unshot_, total_; // one a node
     std::vector<Vec3d> received_;          // lx, one a node, of the current sweep
+    std::vector<double> lost_; // one a leaf: share of what it shoots that nothing receives
     ShootingProgress progress_;
     std::uint64_t sweep_ = 0;
     double decay_ = 1.0; // of the unshot flux in the last sweep

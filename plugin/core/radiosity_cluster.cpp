@@ -5,8 +5,23 @@
 #include <limits>
 #include <span>
 
+#include "core/sampling.h"
+
 namespace isolux {
 namespace {
+
+// Splits beyond the leaf area where a leaf is partly hidden: to a quarter of its edges.
+constexpr int kExtraSplits = 2;
+// How far from the middle to the corners a leaf is looked at.
+constexpr double kNearCorner = 0.9;
+// Where a point looks: tangential parts of unit vectors, all around and to the zenith.
+constexpr std::array<std::array<float, 2>, 7> kAround{{{0.0F, 0.0F},
+                                                       {0.8F, 0.0F},
+                                                       {-0.4F, 0.693F},
+                                                       {-0.4F, -0.693F},
+                                                       {-0.5F, 0.0F},
+                                                       {0.25F, 0.433F},
+                                                       {0.25F, -0.433F}}};
 
 double triangle_area(const Triangle& t) { return 0.5 * length(cross(t[1] - t[0], t[2] - t[0])); }
 
@@ -29,7 +44,8 @@ using Place = std::array<double, 6>;
 
 class Builder {
   public:
-    Builder(const IlluminationMesh& mesh, double leaves) {
+    Builder(const Scene& scene, double leaves) : scene_(scene) {
+        const IlluminationMesh& mesh = scene.mesh();
         double total = 0.0;
         for (const MeshElement& element : mesh.elements) {
             const auto [a, b, c] = element.vertices;
@@ -132,9 +148,10 @@ class Builder {
     }
 
     // Splits triangle `at` 1 -> 4 until its parts are as near to the leaf area as can be.
-    void subdivide(std::int32_t at) {
+    void subdivide(std::int32_t at, int extra = 0) {
         const RadiosityNode node = out_.nodes[at];
-        if (node.area <= 2.0 * leaf_area_) {
+        const bool small = node.area <= 2.0 * leaf_area_;
+        if (small && (extra == kExtraSplits || !partly_hidden(node))) {
             out_.leaves.push_back(at);
             return;
         }
@@ -148,10 +165,44 @@ class Builder {
         }
         out_.nodes[at].first_child = first;
         for (std::int32_t k = 0; k < 4; ++k) {
-            subdivide(first + k);
+            subdivide(first + k, small ? extra + 1 : 0);
         }
     }
 
+    // Light reaches some of a triangle, and nothing the rest of it.
+    bool partly_hidden(const RadiosityNode& node) const {
+        const bool first = hidden(node, node.centre);
+        return std::ranges::any_of(node.corners, [&](const Vec3d& p) {
+            return hidden(node, node.centre + (p - node.centre) * kNearCorner) != first;
+        });
+    }
+
+    // All that a point of a triangle sees is near, or the black back of a mesh.
+    bool hidden(const RadiosityNode& node, const Vec3d& at) const {
+        const RayCaster& caster = scene_.ray_caster();
+        const Vec3f normal = node.normal.as<float>();
+        const Vec3f local = (at - caster.origin()).as<float>();
+        const Vec3f from = local + normal * caster.offset(local, 0.0F);
+        const auto [s, t] = tangents(normal);
+        for (const auto& [a, b] : kAround) {
+            const Vec3f direction = s * a + t * b + normal * std::sqrt(1.0F - a * a - b * b);
+            const Hit hit = caster.closest_hit({from, direction});
+            if (hit.triangle == kNoHit) {
+                return false;
+            }
+            const MeshElement& element =
+                scene_.mesh().elements[static_cast<std::size_t>(hit.triangle)];
+            const Surface& surface =
+                scene_.mesh().surfaces[static_cast<std::size_t>(element.surface)];
+            const bool black = surface.back_offset < 0 && dot(hit.normal, direction) > 0.0F;
+            if (!black && static_cast<double>(hit.distance) > node.radius) {
+                return false;
+            }
+        }
+        return true;
+    }
+
+    const Scene& scene_;
     double leaf_area_ = 0.0; // m²
     std::vector<RadiosityNode> sides_;
     std::vector<Place> places_;
@@ -161,8 +212,8 @@ class Builder {
 
 } // namespace
 
-RadiosityHierarchy radiosity_hierarchy(const IlluminationMesh& mesh, double leaves) {
-    return Builder(mesh, leaves).build();
+RadiosityHierarchy radiosity_hierarchy(const Scene& scene, double leaves) {
+    return Builder(scene, leaves).build();
 }
 
 } // namespace isolux

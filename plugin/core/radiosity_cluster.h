@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "core/form_factor.h"
-#include "core/illumination_mesh.h"
+#include "core/scene.h"
 #include "core/vec3.h"
 
 namespace isolux {
@@ -36,7 +36,8 @@ struct RadiosityHierarchy {
     std::vector<std::int32_t> leaves;
 };
 
-// leaves : about how many; elements smaller than their share are leaves as they are
-RadiosityHierarchy radiosity_hierarchy(const IlluminationMesh& mesh, double leaves);
+// leaves : about how many; elements smaller than their share are leaves as they are, and where
+//     something stands on a surface or close before it, they are smaller
+RadiosityHierarchy radiosity_hierarchy(const Scene& scene, double leaves);
 
 } // namespace isolux

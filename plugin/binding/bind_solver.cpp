@@ -121,6 +121,23 @@ Out<std::uint64_t> hit_counts(const PhotonBuckets& buckets) {
     return hand_over<std::uint64_t>(std::move(counts), {n, 2});
 }
 
+Out<float> bucket_illuminance(const PhotonBuckets& buckets, const Scene& scene) {
+    std::vector<std::array<Vec3f, 2>> out(buckets.vertex_count());
+    const double photon_flux =
+        scene.luminous_flux() /
+        static_cast<double>(std::max<std::uint64_t>(1, buckets.ends().emitted));
+    for (std::size_t v = 0; v < out.size(); ++v) {
+        const double area = scene.mesh().areas[v];
+        for (const LightPath path : {LightPath::direct, LightPath::indirect}) {
+            const Vec3d sum = buckets.colour_sum(static_cast<std::int32_t>(v), path);
+            out[v][static_cast<std::size_t>(path)] =
+                (sum * (area > 0.0 ? photon_flux / area : 0.0)).as<float>();
+        }
+    }
+    const std::size_t n = out.size();
+    return hand_over<float>(std::move(out), {n, 2, 3});
+}
+
 // Total of two independent estimates, relative to their sum.
 std::vector<float> total_deviation(const FilteredIllumination& a, const FilteredIllumination& b) {
     std::vector<float> out(a.illuminance.size());
@@ -221,7 +238,10 @@ void bind_solver(nb::module_& module) {
              "Adds the buckets of another range of photons of the same scene.")
         .def_prop_ro("ends", &ends, "Photons emitted, and how they ended; rays; back hits a mesh.")
         .def_prop_ro("hit_counts", &hit_counts, nb::rv_policy::automatic,
-                     "(V, 2) uint64: direct, indirect");
+                     "(V, 2) uint64: direct, indirect")
+        .def("illuminance", &bucket_illuminance, "scene"_a,
+             "(V, 2, 3) float32, lx by channel, unfiltered: direct, indirect; 0 where a vertex has "
+             "no area");
 
     module.def(
         "trace_photons",

@@ -1,0 +1,109 @@
+"""Gathered indirect light against what is known of it."""
+
+import numpy as np
+import pytest
+from usd_scenes.furnace_sphere.generate import icosphere
+from usd_scenes.shapes import box, rectangle
+
+from core_scenes import luminaire, relative_rms, surface, trace
+from isolux import _core
+
+WEIGHTS = [0.2126, 0.7152, 0.0722]
+
+
+def gathered(traced, illuminance, rays, seed=1):
+    """indirect (V,) lx, and the rest. illuminance : (V,) lx that falls on each vertex"""
+    cache = np.repeat(np.asarray(illuminance, np.float32)[:, None], 3, axis=1)
+    found = _core.SparseGather(traced.scene, seed).advance(cache, rays, 2)
+    return found["indirect"] @ WEIGHTS, found
+
+
+@pytest.mark.parametrize(
+    "shape", [icosphere(3).flipped(), box((4, 4, 3), 0.25).flipped()], ids=["sphere", "box"]
+)
+def test_uniform_light_in_a_closed_room_comes_back_as_reflectance_times_it(shape):
+    """Furnace: every ray meets the same exitance, whatever the form."""
+    traced = trace([surface(shape, 0.6)], [luminaire()], 1000)
+    indirect, found = gathered(traced, np.full(len(traced.areas), 100.0), 10_000)
+    assert indirect == pytest.approx(60.0, rel=1e-5)
+    assert found["indirect_rms"] < 0.01 * 60.0
+
+
+@pytest.mark.parametrize("reflectance", [0.2, 0.5, 0.8, 0.95])
+def test_mean_indirect_light_in_the_cube_of_cie_171_case_5_8(reflectance):
+    """With photons as the cache; the mean of a closed room is exact, ρΦ / (S (1 - ρ))."""
+    cube = surface(box((4, 4, 4), 0.125).flipped(), reflectance)
+    photons = int(300_000 * (1 - reflectance))
+    traced = trace([cube], [luminaire(10_000.0)], photons)
+    indirect, found = gathered(traced, traced.illuminance.sum(axis=1), 150_000)
+    expected = reflectance * 10_000 / (96 * (1 - reflectance))
+    # The mean of the cache has the relative standard deviation √(ρ / N); that of the vertices may be
+    # off by some of what each of them is.
+    sigma = np.hypot(np.sqrt(reflectance / photons), 0.1 * found["indirect_rms"] / expected)
+    assert np.average(indirect, weights=traced.areas) == pytest.approx(expected, rel=4 * sigma)
+
+
+def test_light_from_a_ceiling_against_quadrature():
+    """A floor lit by a ceiling whose exitance is known, through the form factor's integral."""
+    floor = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.25), 0.0)
+    ceiling = surface(rectangle((-2, -2, 2), (0, 4, 0), (4, 0, 0), 0.0625), 0.5)
+    traced = trace([floor, ceiling], [luminaire(at=(0, 0, 0.5))], 1000)
+    position = traced.scene.receiver_positions
+    at_ceiling, at_floor = traced.front(1), traced.front(0)
+    light = np.zeros(len(position))
+    light[at_ceiling] = 100 * (1 + position[at_ceiling, 0] / 2)
+    found, _ = gathered(traced, light, 1_500_000)
+
+    x = (np.arange(128) + 0.5) / 32 - 2
+    a, b = (grid.ravel() for grid in np.meshgrid(x, x))
+    flux = 50 * (1 + a / 2) / 32**2
+    expected = np.array(
+        [
+            (flux * 4 / (np.pi * ((a - p) ** 2 + (b - q) ** 2 + 4) ** 2)).sum()
+            for p, q, _ in position[at_floor]
+        ]
+    )
+    off = found[at_floor] - expected
+    rms = np.sqrt(np.average(off**2, weights=traced.areas[at_floor]))
+    assert rms < 0.004 * expected.mean()
+    assert not found[at_ceiling].any()  # nothing that reflects faces it
+
+
+def test_light_does_not_leak_through_a_thin_wall():
+    """Two closed rooms a millimetre apart, their floors in one plane; one of them is lit."""
+    rooms = [surface(box((2, 2, 2), 0.125).flipped().moved(x=x, z=1), 0.5) for x in (-1, 1.001)]
+    traced = trace(rooms, [luminaire(1000.0, (-1, 0, 1))], 1000)
+    lit, dark = traced.front(0), traced.front(1)
+    light = np.zeros(len(traced.areas))
+    light[lit] = 100.0
+    for rays in (3_000, 30_000, 150_000):
+        found, _ = gathered(traced, light, rays)
+        assert found[lit] == pytest.approx(50.0, rel=1e-4)
+        assert (found[dark] == 0).all()
+
+
+def test_the_back_of_a_one_sided_mesh_is_black():
+    floor = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.5), 0.5)
+    for double_sided in (False, True):
+        sheet = surface(
+            rectangle((-2, -2, 1), (4, 0, 0), (0, 4, 0), 0.5), 0.5, double_sided=double_sided
+        )
+        traced = trace([floor, sheet], [luminaire(at=(0, 0, 0.5))], 1000)
+        found, _ = gathered(traced, np.full(len(traced.areas), 100.0), 30_000)
+        assert (found[traced.front(0)].max() > 0) == double_sided
+
+
+@pytest.mark.parametrize("rays", [5_000, 40_000, 300_000])
+def test_the_reported_error_is_the_true_one(rays):
+    """A room with a box in it; the truth has a record of 512 rays at every vertex."""
+    walls = surface(box((4, 4, 3), 0.25).flipped().moved(z=1.5), 0.5)
+    block = surface(box((1, 1, 1), 0.125).moved(z=0.5), 0.5)
+    traced = trace([walls, block], [luminaire(10_000.0, (1, 1, 2.5))], 200_000)
+    light = traced.illuminance.sum(axis=1)
+    truth, _ = gathered(traced, light, 512 * len(light), seed=99)
+    errors, reported = [], []
+    for seed in range(6):
+        indirect, found = gathered(traced, light, rays, seed)
+        errors.append(np.sqrt(np.average((indirect - truth) ** 2, weights=traced.areas)))
+        reported.append(found["indirect_rms"])
+    assert np.mean(reported) == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=0.4)

@@ -1,13 +1,14 @@
 """Speed against error of the solver's methods, by the path-traced reference.
 
     python tools/method_curves.py STAGE... [--methods M,M] [--seeds N] [--time-budget S]
-        [--threads N] [--cpu-time] [--csv FILE] [--figure FILE] [--cache FOLDER]
+        [--threads N] [--filter-accuracy A] [--cpu-time] [--csv FILE] [--figure FILE]
+        [--cache FOLDER]
     python tools/method_curves.py --from CSV [--figure FILE]
 
 Prints where the composite is above the lower envelope of the other methods by more than 10 %, the
 times to 5 % and 2 % with the share of each component, and how well the methods agree on the
-indirect light in the end. With --cpu-time seconds are those of the
-processor: on one thread, what a machine without other work would need.
+indirect light in the end. With --cpu-time seconds are those of the processor: on one thread, what a
+machine without other work would need.
 """
 
 from __future__ import annotations
@@ -205,6 +206,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--time-budget", type=float, default=30.0, help="s of each run")
     parser.add_argument("--stages", type=int, default=10, dest="count", help="progressive stages")
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--filter-accuracy", type=float, default=SolverSettings().filter_accuracy)
     parser.add_argument("--cpu-time", action="store_true", help="count the processor's seconds")
     folder = Path(__file__).parents[1] / "build/bench"
     parser.add_argument("--csv", type=Path, default=folder / "method_curves.csv")
@@ -221,7 +223,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         points = read_curve(options.known)
         title = options.known.name
     else:
-        settings = SolverSettings(threads=options.threads, stages=options.count)
+        settings = SolverSettings(
+            threads=options.threads, stages=options.count, filter_accuracy=options.filter_accuracy
+        )
         settings = settings.with_budget(time_budget=options.time_budget)
         seconds = "processor" if options.cpu_time else "wall"
         provenance = {
@@ -230,6 +234,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "threads": options.threads,
             "clock": seconds,
             "time_budget": options.time_budget,
+            "filter_accuracy": options.filter_accuracy,
         }
         points = measure(
             options.stages, methods, options.seeds, settings, options.cpu_time, options.cache

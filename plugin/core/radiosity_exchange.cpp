@@ -429,7 +429,7 @@ class Exchange {
             return local + n.as<float>() * caster_.offset(local, 0.0F);
         };
         const Vec3f a = off_surface(from, from_normal), b = off_surface(to, to_normal);
-        return !caster_.occluded({a, b - a}, 1.0F);
+        return !caster_.occluded(Ray{a, b - a});
     }
 
     const RayCaster& caster_;

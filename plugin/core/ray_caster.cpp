@@ -140,6 +140,12 @@ Hit RayCaster::closest_hit(const Ray& ray) const {
             {ray_hit.hit.Ng_x, ray_hit.hit.Ng_y, ray_hit.hit.Ng_z}};
 }
 
+bool RayCaster::occluded(const Ray& ray) const {
+    RTCRay shadow_ray = embree_ray(ray, 1.0F);
+    occlude(embree_->scene, shadow_ray);
+    return shadow_ray.tfar < 0.0F; // Embree's mark
+}
+
 void RayCaster::occluded(std::span<const Ray> rays, std::span<bool> out) const {
     std::size_t done = 0;
     for (; done + kLeastPacket <= rays.size(); done += kPacket) {
@@ -160,13 +166,11 @@ void RayCaster::occluded(std::span<const Ray> rays, std::span<bool> out) const {
         }
         occlude(valid.data(), embree_->scene, packet);
         for (std::size_t i = 0; i < count; ++i) {
-            out[done + i] = packet.tfar[i] < 0.0F; // Embree's mark
+            out[done + i] = packet.tfar[i] < 0.0F;
         }
     }
     for (; done < rays.size(); ++done) {
-        RTCRay shadow_ray = embree_ray(rays[done], 1.0F);
-        occlude(embree_->scene, shadow_ray);
-        out[done] = shadow_ray.tfar < 0.0F;
+        out[done] = occluded(rays[done]);
     }
 }
 

@@ -44,8 +44,9 @@ class RayCaster {
     float offset(const Vec3f& p, float distance) const;
 
     Hit closest_hit(const Ray& ray) const;
-    // Whether anything lies within the length of its direction, for each ray. Rays that start or
-    // end near each other are fastest.
+    // Whether anything lies within the length of its direction.
+    bool occluded(const Ray& ray) const;
+    // The same for each ray; those that start or end near each other are fastest.
     void occluded(std::span<const Ray> rays, std::span<bool> out) const;
 
   private:

@@ -19,6 +19,8 @@ from .solution import LUMINANCE_WEIGHTS, RefinedMesh
 
 # Error relative to the total illuminance at which shadow rays stop [Volevich 2000, §3.1.1].
 DIRECT_ACCURACY = 0.01
+# Error of radiosity at a point, of the mean indirect illuminance, that is aimed at.
+RADIOSITY_ACCURACY = 0.01
 # Receivers a call: how soon a cancelled run stops.
 RECEIVERS_AT_ONCE = 1 << 14
 # One in so many vertices is lit to learn what all will take.
@@ -213,6 +215,80 @@ class AdaptiveMesh:
         arrays = {f.name: found[f.name] for f in fields(RefinedMesh) if f.name in found}
         mesh = RefinedMesh(vertex_count=self._vertex_count, **arrays)
         return mesh, found["direct"], found["standard_error"]
+
+
+@dataclass(frozen=True, slots=True)
+class IndirectLight:
+    """Indirect illuminance at the vertices.
+
+    illuminance : (V, 3)
+    standard_error : (V,) lx
+    rms : lx, area-weighted RMS error
+    rays : that this took
+    """
+
+    illuminance: Array
+    standard_error: Array
+    rms: float
+    rays: int
+
+
+class SparseGather:
+    """Final gather over the light that photons left.
+
+    Departure: the paper traces and filters photons to the end (IDEPT).
+    """
+
+    def __init__(self, scene: _core.Scene, settings: SolverSettings, threads: int) -> None:
+        self._scene = scene
+        self._gather = _core.SparseGather(scene, settings.seed)
+        self._threads = threads
+
+    def gather(self, photons: PhotonTracing, ray_budget: int) -> IndirectLight:
+        """Indirect light by about so many more rays, each looking up the light of all photons."""
+        buckets: Array = photons.buckets.illuminance(self._scene)
+        found = self._gather.advance(
+            np.ascontiguousarray(buckets.sum(axis=1)),
+            ray_budget,
+            self._threads,
+            np.ascontiguousarray(buckets[:, 1]),
+            self._scene.luminous_flux / max(1, photons.emitted),
+        )
+        return IndirectLight(
+            found["indirect"], found["standard_error"], found["indirect_rms"], found["rays"]
+        )
+
+
+class Radiosity:
+    """Hierarchical progressive radiosity, HPR [Volevich 2000, §3.1.2]."""
+
+    def __init__(
+        self,
+        scene: _core.Scene,
+        settings: SolverSettings,
+        threads: int,
+        lighting: DirectLight,
+        on_share: Callable[[float], None],
+    ) -> None:
+        self._radiosity = _core.ProgressiveRadiosity(scene, settings.seed, RADIOSITY_ACCURACY)
+        self._threads = threads
+        self._receivers = scene.receiver_positions, scene.vertex_normals
+        self._areas: NDArray[np.float64] = scene.vertex_areas
+        self.finished = False
+        positions, normals = self._radiosity.receivers()
+        none = np.zeros(len(positions), np.float32)
+        direct, _ = lighting.at_points(positions, normals, none, on_share)
+        self._radiosity.begin(direct)
+
+    def shoot(self, ray_budget: int) -> IndirectLight:
+        """Indirect light after reflections worth about so many more rays, one at least."""
+        progress = self._radiosity.advance(ray_budget, self._threads)
+        self.finished = progress["finished"]
+        found = self._radiosity.indirect(*self._receivers, self._threads)
+        error: Array = found["standard_error"]
+        return IndirectLight(
+            found["illuminance"], error, root_mean_square(error, self._areas), found["rays"]
+        )
 
 
 def photometric(illuminance: Array) -> Array:

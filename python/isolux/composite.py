@@ -14,9 +14,9 @@ from .schedule import Component, StageGoal, StagePlan, stage_goals
 from .settings import Method, SolverSettings
 from .switchover import pilot_seconds, switchover_photons
 
-# Rays of a gather for each photon emitted so far.
+# Gathered rays for each photon.
 GATHER_RAYS_PER_PHOTON = 1.0
-# Rays of the first progressive stage of radiosity; they double from stage to stage.
+# Rays of the first step of radiosity; they double from step to step.
 FIRST_RADIOSITY_RAYS = 1 << 14
 
 
@@ -64,7 +64,7 @@ def steps(method: Method, run: Run) -> Iterator[StagePlan]:
     if method == "ddl+hpr":
         yield from _radiosity_steps(run)
     else:
-        late: Component = "IDEPT"
+        late: Component = "gather" if method == "composite" else "IDEPT"
         yield from _photon_steps(run, late, max(1, late_stages))
 
 
@@ -108,6 +108,7 @@ def _direct_steps(run: Run) -> Iterator[StagePlan]:
 
 def _photon_steps(run: Run, component: Component, stages: int) -> Iterator[StagePlan]:
     """Photons whose light the component makes ever more of, until a stopping criterion."""
+    gathered_any = False
     for goal in stage_goals(run.settings, stages):
         if not goal.last:
             # A stage that would take longer to finish than to trace is left out, and so is one
@@ -117,12 +118,13 @@ def _photon_steps(run: Run, component: Component, stages: int) -> Iterator[Stage
                 continue
             if goal.photons < 1.25 * run.photons:
                 continue
+        before = run.photons if gathered_any else 0
         run.trace_until(goal, component)
-        yield StagePlan(component, run.photons, _gather_rays(run, component))
-
-
-def _gather_rays(run: Run, component: Component) -> int:
-    return math.ceil(GATHER_RAYS_PER_PHOTON * run.photons) if component == "gather" else 0
+        rays = 0
+        if component == "gather":
+            rays = math.ceil(GATHER_RAYS_PER_PHOTON * (run.photons - before))
+            gathered_any = True
+        yield StagePlan(component, run.photons, rays)
 
 
 def _radiosity_steps(run: Run) -> Iterator[StagePlan]:

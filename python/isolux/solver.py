@@ -24,7 +24,10 @@ from .components import (
     Cancelled,
     DirectLight,
     FilteredLight,
+    IndirectLight,
     PhotonTracing,
+    Radiosity,
+    SparseGather,
     photometric,
     root_mean_square,
 )
@@ -151,6 +154,8 @@ class ProgressiveSolver:
         self._filtered: FilteredLight | None = None
         self._bucket_errors = BucketErrors()
         self._mesh: AdaptiveMesh
+        self._gather: SparseGather | None = None
+        self._radiosity: Radiosity | None = None
         self._refined: tuple[RefinedMesh, Array, Array] | None = None
         self._steps: list[StagePlan] = []
         self._switchover = (0.0, 0, 0.0)  # T1 in s and photons, T2 in s
@@ -256,6 +261,8 @@ class ProgressiveSolver:
             "DEPT": self._filter_all,
             "DDL": self._light_directly,
             "IDEPT": self._filter_indirect,
+            "gather": self._gather_indirect,
+            "HPR": self._shoot,
         }[step.component]
         carry_out(step)
         self.elapsed = before + self._clock() - started
@@ -314,6 +321,30 @@ class ProgressiveSolver:
         light.indirect_error = filtered.indirect_deviation * photometric(light.indirect)
         light.support_radius = filtered.support_radius
         light.indirect_rms = filtered.rms_error_indirect * self._mean(light.indirect)
+
+    def _gather_indirect(self, step: StagePlan) -> None:
+        """Indirect light gathered from what the photons left."""
+        if self._gather is None:
+            self._gather = SparseGather(self._core_scene, self.settings, self._threads)
+        self._take_indirect(self._gather.gather(self._photons, step.rays))
+
+    def _shoot(self, step: StagePlan) -> None:
+        """HPR: indirect light by radiosity."""
+        if self._radiosity is None:
+            self._radiosity = Radiosity(
+                self._core_scene, self.settings, self._threads, self._direct,
+                lambda share: self._working("HPR"),
+            )  # fmt: skip
+        self._take_indirect(self._radiosity.shoot(step.rays))
+        self.radiosity_finished = self._radiosity.finished
+
+    def _take_indirect(self, found: IndirectLight) -> None:
+        light = self._light
+        light.indirect = found.illuminance
+        light.indirect_error = found.standard_error
+        light.indirect_rms = found.rms
+        light.support_radius = np.zeros_like(light.support_radius)
+        self._indirect_rays += found.rays
 
     def _target_met(self, step: StagePlan, stage: ProgressiveStage) -> bool:
         settings = self.settings

@@ -9,10 +9,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from isolux.progress import SolveProgress
 from isolux.report import read_report
 from isolux.results import ResultsWriter
 from isolux.settings import SolverSettings
-from isolux.solver import ProgressiveSolver, SolveProgress
+from isolux.solver import ProgressiveSolver
 from isolux.stage_reader import open_stage, read_stage
 
 

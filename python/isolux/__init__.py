@@ -7,10 +7,11 @@ from importlib.metadata import PackageNotFoundError, version
 
 from .errors import IsoluxError, PhotometryError, SceneError, SettingsError
 from .plugin_registration import register_plugin
+from .progress import SolveProgress
 from .scene_description import SceneDescription
 from .settings import SolverSettings, settings_from_stage
 from .solution import ProgressiveStage, Solution
-from .solver import ProgressiveSolver, SolveProgress, solve
+from .solver import ProgressiveSolver, solve
 from .stage_reader import read_stage
 
 register_plugin()

@@ -10,10 +10,13 @@ import math
 from collections.abc import Iterator
 from typing import Protocol
 
+from .scene_description import SceneDescription
 from .schedule import Component, StageGoal, StagePlan, stage_goals
 from .settings import Method, SolverSettings
 from .switchover import pilot_seconds, switchover_photons
 
+# Below so many polygons radiosity is the faster way to the indirect light [Volevich 2000, §3.2].
+RADIOSITY_POLYGONS = 500
 # Gathered rays for each photon.
 GATHER_RAYS_PER_PHOTON = 1.0
 # Rays of the first step of radiosity; they double from step to step.
@@ -44,6 +47,14 @@ class Run(Protocol):
 
     def first_iteration_seconds(self) -> float:
         """T_i0, s, of direct lighting, estimated."""
+
+
+def chosen_method(scene: SceneDescription, settings: SolverSettings) -> Method:
+    """What `auto` means for a scene [Volevich 2000, §3.2]."""
+    if settings.method != "auto":
+        return settings.method
+    polygons = sum(len(m.face_vertex_counts) - len(m.hole_faces) for m in scene.meshes)
+    return "ddl+hpr" if polygons < RADIOSITY_POLYGONS and settings.photons == 0 else "composite"
 
 
 def steps(method: Method, run: Run) -> Iterator[StagePlan]:

@@ -19,13 +19,14 @@ from . import __version__
 from .core_scene import require_light_and_surface
 from .errors import IsoluxError, SceneError, SettingsError
 from .interrupt import StopRequest, stop_on_signal
+from .progress import SolveProgress
 from .report import PhaseSeconds, read_replay, write_report
 from .results import ResultsWriter
 from .scene_description import SceneDescription
 from .schedule import StagePlan
 from .settings import SolverSettings, settings_from_stage
 from .solution import ProgressiveStage
-from .solver import ProgressiveSolver, SolveProgress
+from .solver import ProgressiveSolver
 from .stage_reader import read_stage
 from .tables import findings_summary, new_console, percent, scene_summary, stage_table
 

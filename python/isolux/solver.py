@@ -31,11 +31,12 @@ from .components import (
     photometric,
     root_mean_square,
 )
-from .composite import steps
+from .composite import chosen_method, steps
 from .core_scene import build_core_scene, mesh_layouts, require_light_and_surface
+from .progress import SolveProgress, Watch, done_fraction
 from .scene_description import Finding, SceneDescription
 from .schedule import Component, StageGoal, StagePlan
-from .settings import Method, SolverSettings, settings_from_stage
+from .settings import SolverSettings, settings_from_stage
 from .solution import ProgressiveStage, RefinedMesh, Solution
 from .stage_reader import read_stage
 
@@ -44,38 +45,6 @@ CHUNK_SECONDS = 0.1
 FIRST_CHUNK_PHOTONS = 1 << 12
 # A one-sided mesh is taken to be turned inside out where so many photons met it, mostly its back.
 INSIDE_OUT_PHOTONS = 100
-# Below so many polygons radiosity is the faster way to the indirect light [Volevich 2000, §3.2].
-RADIOSITY_POLYGONS = 500
-
-
-@dataclass(frozen=True, slots=True)
-class SolveProgress:
-    """How far a run has come.
-
-    stage : index of the stage in progress
-    component : that is at work
-    photons : emitted so far
-    rms_error : of the last complete stage; None before it
-    elapsed : s of solving so far
-    time_left : s, estimated; None where it can't be told yet
-    fraction : of the whole run, in [0, 1], estimated
-    """
-
-    stage: int
-    component: str
-    photons: int
-    rms_error: float | None
-    elapsed: float
-    time_left: float | None
-    fraction: float
-
-
-def chosen_method(scene: SceneDescription, settings: SolverSettings) -> Method:
-    """What `auto` means for a scene [Volevich 2000, §3.2]."""
-    if settings.method != "auto":
-        return settings.method
-    polygons = sum(len(m.face_vertex_counts) - len(m.hole_faces) for m in scene.meshes)
-    return "ddl+hpr" if polygons < RADIOSITY_POLYGONS and settings.photons == 0 else "composite"
 
 
 @dataclass(slots=True)
@@ -110,14 +79,6 @@ def _relative_deviation(total: Array, direct_error: Array, indirect_error: Array
     illuminance = photometric(total)
     error = np.hypot(direct_error, indirect_error)
     return np.divide(error, illuminance, out=np.ones_like(error), where=illuminance > 0)
-
-
-@dataclass(frozen=True, slots=True)
-class _Watch:
-    """The caller's eye on a run."""
-
-    on_progress: Callable[[SolveProgress], None] | None
-    cancelled: Callable[[], bool]
 
 
 class ProgressiveSolver:
@@ -161,7 +122,7 @@ class ProgressiveSolver:
         self._switchover = (0.0, 0, 0.0)  # T1 in s and photons, T2 in s
         self._indirect_rays = 0
         self._finishing: dict[str, float] = {}  # s, of each component's last step
-        self._watch = _Watch(None, lambda: False)
+        self._watch = Watch(None, lambda: False)
         self._index = 0
         self._error: float | None = None
         self.build_seconds = clock() - started
@@ -188,7 +149,7 @@ class ProgressiveSolver:
         cancelled : once true, what was computed so far makes the last stage
         replay : the steps of an earlier run (`Solution.steps`), to be made again by its counts
         """
-        self._watch = _Watch(on_progress, cancelled)
+        self._watch = Watch(on_progress, cancelled)
         for step in replay or steps(self.method, self):
             try:
                 self._carry_out(step)
@@ -363,27 +324,22 @@ class ProgressiveSolver:
         self._show_progress(component, self.photons)
 
     def _show_progress(self, component: Component, photons_of_stage: float) -> None:
-        if self._watch.on_progress is None:
-            return
-        settings = self.settings
-        shares = [0.0]
-        if settings.photons > 0:
-            shares.append(self.photons / settings.photons)
-        if settings.time_budget > 0:
-            shares.append(self.elapsed / settings.time_budget)
-        if settings.target_error > 0 and self._error:
-            # The error falls with the root of the photon count at most.
-            goal_before = max(1.0, photons_of_stage / 2)
-            needed = goal_before * max(1.0, (self._error / settings.target_error) ** 2)
-            shares.append(self.photons / max(needed, self.photons))
-        fraction = min(1.0, max(shares))
-        time_left = self.elapsed * (1 / fraction - 1) if fraction > 0 else None
-        self._watch.on_progress(
-            SolveProgress(
-                self._index + 1, component, self.photons, self._error, self.elapsed, time_left,
-                fraction,
+        if self._watch.on_progress is not None:
+            fraction = done_fraction(
+                self.settings, self.photons, self.elapsed, self._error, photons_of_stage
             )
-        )  # fmt: skip
+            time_left = self.elapsed * (1 / fraction - 1) if fraction > 0 else None
+            self._watch.on_progress(
+                SolveProgress(
+                    stage=self._index + 1,
+                    component=component,
+                    photons=self.photons,
+                    rms_error=self._error,
+                    elapsed=self.elapsed,
+                    time_left=time_left,
+                    fraction=fraction,
+                )
+            )
 
     def _solution(self, component: Component) -> Solution:
         """The light as it stands, as the next progressive stage."""

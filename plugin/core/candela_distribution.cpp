@@ -199,6 +199,8 @@ double CandelaDistribution::widest_gamma() const {
     return gamma_[last];
 }
 
+double CandelaDistribution::peak_intensity() const { return std::ranges::max(candela_); }
+
 double CandelaDistribution::intensity(const Vec3d& direction) const {
     const double gamma = std::atan2(std::hypot(direction.x, direction.y), -direction.z);
     const double c = std::atan2(direction.y, direction.x);

@@ -28,6 +28,7 @@ class CandelaDistribution {
 
     // The angle from nadir beyond which there is no light, rad.
     double widest_gamma() const;
+    double peak_intensity() const; // cd
 
     // cd; `direction` is local and needs no unit length.
     double intensity(const Vec3d& direction) const;

@@ -1,5 +1,6 @@
 #include "core/direct_lighting.h"
 
+#include <algorithm>
 #include <atomic>
 #include <bit>
 #include <cmath>
@@ -33,9 +34,8 @@ constexpr double kDark = 0.1;
 // Shares of light whose variance for each shadow ray is at least this part of the largest are
 // refined together.
 constexpr double kRefinedTogether = 0.25;
-// Spread of places in a cluster along one axis, of its radius: a disk's.
-constexpr double kSpread = 0.5;
-constexpr double kMostClusterVariance = 4.0; // relative
+// A cluster that may give so much more than from its centre is too near for one sample.
+constexpr double kNear = 3.0;
 
 std::uint64_t position_key(const Vec3d& p) {
     return mix64(
@@ -76,42 +76,55 @@ class DirectLighting::Gathering {
 
   private:
     struct Probe {
-        std::size_t share;
+        std::int32_t share;
         double weight;
     };
     // One luminaire's light, or that of a cluster by one of its luminaires.
     struct Share {
-        std::int32_t luminaire;
-        const LightCluster* cluster; // null: the luminaire alone
-        double unoccluded = 0.0;     // lx
-        double angle = 0.0;          // rad, radius as seen from the receiver
-        double spread = 0.0;         // relative variance of unoccluded light within a cluster
-        std::uint32_t samples = 0;   // shadow rays that the sums hold
-        std::uint32_t wanted = 1;
-        double seen = 0.0, all = 0.0; // sums of weights
-        bool mixed = false;           // its sibling's rays met something else
-        std::int32_t sibling = -1;    // the other half of a cluster just split
-        double variance = 0.0;        // lx²
+        std::int32_t luminaire = 0;
+        const LightCluster* cluster = nullptr; // null: the luminaire alone
+        double unoccluded = 0.0;               // lx
+        double geometry = 0.0;                 // lx², variance of unoccluded light in a cluster
+        double angle = 0.0;                    // rad, radius as seen from the receiver
+        std::uint32_t samples = 0, wanted = 1; // points of the luminaire tried, to be tried
+        double seen = 0.0, all = 0.0;          // sums of their weights
+        bool mixed = false;                    // its sibling's shadow rays met something else
+        std::int32_t sibling = -1;             // the other half of a cluster just split
+        double direct = 0.0, variance = 0.0;   // lx, lx²
 
         double visible() const { return all > 0.0 ? seen / all : 0.0; }
         bool decided() const { return all > 0.0 && (seen == 0.0 || seen == all); }
+        // Of a further shadow ray, lx².
+        double gain() const {
+            return cluster != nullptr       ? variance
+                   : samples < kMostSamples ? variance / samples
+                                            : 0.0;
+        }
+    };
+    struct Candidate {
+        double gain;
+        std::int32_t share;
     };
 
-    void add(std::int32_t luminaire, const LightCluster* cluster);
-    void add_sampled(const LightCluster& cluster);
-    void split(std::size_t share);
-    void cast();
-    double variance_of(const Share& share) const;
-    bool accurate();
+    void descend(const LightCluster& cluster);
+    bool add(std::int32_t luminaire, const LightCluster* cluster, const ClusterIlluminance& bound);
+    bool add_sampled(const LightCluster& cluster, const ClusterIlluminance& bound);
+    void split(std::int32_t share);
     void refine();
+    void cast();
+    void settle();
+    double variance_of(const Share& share) const;
+    double allowed() const;
 
     const DirectLighting& lighting_;
     Receiver receiver_;
     std::uint64_t key_ = 0;
     double indirect_ = 0.0;                // lx
-    double direct_ = 0.0, variance_ = 0.0; // lx, lx²
+    double direct_ = 0.0, variance_ = 0.0; // lx, lx²: sums over the shares
     std::uint64_t shadow_rays_ = 0;
     std::vector<Share> shares_;
+    std::vector<std::int32_t> pending_; // shares that want shadow rays
+    std::vector<Candidate> candidates_; // a heap
     std::vector<Ray> rays_;
     std::vector<Probe> probes_; // one a ray
     std::unique_ptr<bool[]> occluded_;
@@ -120,102 +133,136 @@ class DirectLighting::Gathering {
 
 DirectLighting::Gathering::Found DirectLighting::Gathering::gather(const Receiver& receiver,
                                                                    float indirect) {
-    receiver_ = receiver;
-    key_ = position_key(receiver.position) ^ mix64(lighting_.settings_.seed);
-    indirect_ = indirect;
-    shadow_rays_ = 0;
-    shares_.clear();
     if (receiver.normal == Vec3f{}) {
         return {};
     }
+    receiver_ = receiver;
+    key_ = position_key(receiver.position) ^ mix64(lighting_.settings_.seed);
+    indirect_ = indirect;
+    direct_ = variance_ = 0.0;
+    shadow_rays_ = 0;
+    shares_.clear();
+    pending_.clear();
+    candidates_.clear();
     if (lighting_.tree_) {
-        add_sampled(lighting_.tree_->clusters().front());
+        descend(lighting_.tree_->clusters().front());
     } else {
         for (std::size_t i = 0; i < lighting_.luminaires_.size(); ++i) {
-            add(static_cast<std::int32_t>(i), nullptr);
+            add(static_cast<std::int32_t>(i), nullptr, {});
         }
     }
     cast();
-    while (!accurate()) {
+    settle();
+    while (!candidates_.empty() && variance_ > allowed() * allowed()) {
         refine();
         cast();
+        settle();
     }
     Vec3f sum;
+    double variance = 0.0;
     for (const Share& s : shares_) {
-        sum += lighting_.luminaires_[s.luminaire].luminaire().colour *
-               static_cast<float>(s.unoccluded * s.visible());
+        sum += lighting_.luminaires_[s.luminaire].luminaire().colour * static_cast<float>(s.direct);
+        variance += s.variance;
     }
-    return {sum, static_cast<float>(std::sqrt(variance_)), shadow_rays_};
+    return {sum, static_cast<float>(std::sqrt(variance)), shadow_rays_};
 }
 
-void DirectLighting::Gathering::add(std::int32_t luminaire, const LightCluster* cluster) {
+double DirectLighting::Gathering::allowed() const {
+    return lighting_.settings_.accuracy * std::max(direct_ + indirect_, lighting_.least_total_);
+}
+
+// Without a look, as far as a cluster is so near that one of its luminaires may outshine the rest.
+void DirectLighting::Gathering::descend(const LightCluster& cluster) {
+    const ClusterIlluminance bound = cluster_illuminance(cluster, receiver_);
+    if (cluster.children[0] >= 0 && bound.most > kNear * bound.middle && bound.most > allowed()) {
+        descend(lighting_.tree_->clusters()[cluster.children[0]]);
+        descend(lighting_.tree_->clusters()[cluster.children[1]]);
+    } else {
+        add_sampled(cluster, bound);
+    }
+}
+
+// False where it gives no light.
+bool DirectLighting::Gathering::add(std::int32_t luminaire, const LightCluster* cluster,
+                                    const ClusterIlluminance& bound) {
     const LuminaireIlluminance& light = lighting_.luminaires_[luminaire];
     Share share{.luminaire = luminaire, .cluster = cluster};
     share.unoccluded = light.unoccluded(receiver_);
-    const Vec3d to =
-        (cluster != nullptr ? cluster->centre : light.luminaire().position) - receiver_.position;
-    const double radius = cluster != nullptr ? cluster->radius : light.radius();
-    const double distance = length(to);
-    share.angle = distance > radius ? radius / distance : 0.5 * std::numbers::pi;
+    Vec3d centre = light.luminaire().position;
+    double radius = light.radius();
     if (cluster != nullptr) {
+        centre = cluster->centre;
+        radius = cluster->radius;
         share.unoccluded *= cluster->luminous_flux / light.luminaire().luminous_flux;
-        const Vec3d normal = receiver_.normal.as<double>();
-        const double height = dot(to, normal);
-        if (share.unoccluded > 0.0) {
-            const double emitted = -dot(to, cluster->axis);
-            Vec3d change = to * (-4.0 / (distance * distance)) +
-                           normal * (1.0 / std::max(height, 0.1 * radius)) +
-                           cluster->axis * (-1.0 / std::max(emitted, 0.1 * radius));
-            share.spread = std::min(kMostClusterVariance,
-                                    kSpread * kSpread * radius * radius * dot(change, change));
-        } else {
-            const double nearest = std::max(distance - radius, radius);
-            const double most = cluster->luminous_flux / std::numbers::pi *
-                                std::min(1.0, (height + radius) / nearest) / (nearest * nearest);
-            share.spread = kEdgeVariance * most * most;
-        }
+        // As if even up to the most; but then few of them are so bright [Bhatia & Davis 2000].
+        const double mean = share.unoccluded > 0.0 ? share.unoccluded : bound.middle;
+        const double above = std::max(0.0, bound.most - mean);
+        share.geometry =
+            mean > 0.0 ? std::min(above * above / 3.0, above * mean) : above * above / 12.0;
+    } else if (share.unoccluded == 0.0) {
+        return false;
     }
-    if (share.unoccluded > 0.0 || cluster != nullptr) {
-        shares_.push_back(share);
-    }
+    const Vec3d to = centre - receiver_.position;
+    const double squared = dot(to, to);
+    share.angle = squared > radius * radius ? radius / std::sqrt(squared) : 1.0;
+    pending_.push_back(static_cast<std::int32_t>(shares_.size()));
+    shares_.push_back(share);
+    return true;
 }
 
-void DirectLighting::Gathering::add_sampled(const LightCluster& cluster) {
-    if (!may_light(cluster, receiver_)) {
-        return;
+bool DirectLighting::Gathering::add_sampled(const LightCluster& cluster,
+                                            const ClusterIlluminance& bound) {
+    if (bound.most == 0.0) {
+        return false;
     }
     const auto node = static_cast<std::uint64_t>(&cluster - lighting_.tree_->clusters().data());
     const double u = static_cast<double>(mix64(key_ + mix64(~node)) >> 11) * 0x1p-53;
-    add(lighting_.tree_->choose(cluster, u), cluster.last - cluster.first > 1 ? &cluster : nullptr);
+    return add(lighting_.tree_->choose(cluster, u), cluster.children[0] >= 0 ? &cluster : nullptr,
+               bound);
 }
 
-// The child that holds the sampled luminaire keeps its shadow rays.
-void DirectLighting::Gathering::split(std::size_t index) {
+// The half that holds the sampled luminaire keeps its shadow ray.
+void DirectLighting::Gathering::split(std::int32_t index) {
     const Share parent = shares_[index];
+    shares_[index] = {};
     const LightTree& tree = *lighting_.tree_;
-    const std::int32_t place = tree.place(parent.luminaire);
-    const LightCluster* half[2] = {&tree.clusters()[parent.cluster->children[0]],
-                                   &tree.clusters()[parent.cluster->children[1]]};
-    if (place >= half[0]->last) {
-        std::swap(half[0], half[1]);
+    const LightCluster* kept = &tree.clusters()[parent.cluster->children[0]];
+    const LightCluster* other = &tree.clusters()[parent.cluster->children[1]];
+    if (tree.place(parent.luminaire) >= kept->last) {
+        std::swap(kept, other);
     }
-    const std::size_t before = shares_.size();
-    if (may_light(*half[0], receiver_)) {
-        add(parent.luminaire, half[0]->last - half[0]->first > 1 ? half[0] : nullptr);
-    }
-    const bool kept = shares_.size() > before;
-    if (kept) {
+    const auto first = static_cast<std::int32_t>(shares_.size());
+    const ClusterIlluminance bound = cluster_illuminance(*kept, receiver_);
+    const bool halved =
+        bound.most > 0.0 && add(parent.luminaire, kept->children[0] >= 0 ? kept : nullptr, bound);
+    if (halved) {
         Share& s = shares_.back();
         s.samples = s.wanted = parent.samples;
         s.seen = parent.seen;
         s.all = parent.all;
     }
-    add_sampled(*half[1]);
-    if (kept && shares_.size() > before + 1) {
-        shares_[before].sibling = static_cast<std::int32_t>(before + 1);
+    if (add_sampled(*other, cluster_illuminance(*other, receiver_)) && halved) {
+        shares_[first].sibling = first + 1;
     }
-    shares_[index].cluster = nullptr;
-    shares_[index].unoccluded = 0.0;
+}
+
+void DirectLighting::Gathering::refine() {
+    pending_.clear();
+    const double least = kRefinedTogether * candidates_.front().gain;
+    while (!candidates_.empty() && candidates_.front().gain >= least) {
+        const std::int32_t index = candidates_.front().share;
+        std::ranges::pop_heap(candidates_, {}, &Candidate::gain);
+        candidates_.pop_back();
+        Share& s = shares_[index];
+        direct_ -= s.direct;
+        variance_ -= s.variance;
+        if (s.cluster != nullptr) {
+            split(index);
+        } else {
+            s.wanted = 2 * s.samples;
+            pending_.push_back(index);
+        }
+    }
 }
 
 void DirectLighting::Gathering::cast() {
@@ -224,16 +271,15 @@ void DirectLighting::Gathering::cast() {
     const Vec3f from = local + receiver_.normal * caster.offset(local, 0.0F);
     rays_.clear();
     probes_.clear();
-    for (std::size_t i = 0; i < shares_.size(); ++i) {
+    for (const std::int32_t i : pending_) {
         Share& s = shares_[i];
-        if (s.unoccluded == 0.0 || s.samples == s.wanted) {
+        if (s.unoccluded == 0.0) {
             continue;
         }
         const LuminaireIlluminance& light = lighting_.luminaires_[s.luminaire];
         const std::uint64_t scramble = mix64(key_ + mix64(static_cast<std::uint64_t>(s.luminaire)));
         const Vec3f plane = light.luminaire().z.as<float>();
-        for (; s.samples < s.wanted || (s.all == 0.0 && s.samples < kHorizonSamples);
-             ++s.samples) {
+        for (; s.samples < s.wanted || (s.all == 0.0 && s.samples < kHorizonSamples); ++s.samples) {
             const auto [u, v] = sobol_point(s.samples, scramble);
             const ShadowSample sample = light.shadow_sample(receiver_, u, v);
             s.all += sample.weight;
@@ -260,69 +306,40 @@ void DirectLighting::Gathering::cast() {
     }
 }
 
+// Adds the pending shares to the sums, and to the candidates for more shadow rays.
+void DirectLighting::Gathering::settle() {
+    for (const std::int32_t i : pending_) {
+        Share& s = shares_[i];
+        if (s.sibling >= 0) {
+            Share& other = shares_[s.sibling];
+            s.mixed = other.mixed =
+                s.all > 0.0 && other.all > 0.0 && (s.seen > 0.0) != (other.seen > 0.0);
+            s.sibling = -1;
+        }
+    }
+    for (const std::int32_t i : pending_) {
+        Share& s = shares_[i];
+        s.direct = s.unoccluded * s.visible();
+        s.variance = variance_of(s);
+        direct_ += s.direct;
+        variance_ += s.variance;
+        if (s.gain() > 0.0) {
+            candidates_.push_back({s.gain(), i});
+            std::ranges::push_heap(candidates_, {}, &Candidate::gain);
+        }
+    }
+}
+
 // Where all shadow rays of a luminaire agree, an edge may still pass between them: with n even
 // rays it takes a strip of 1/n at most. Where they don't, each of the about sqrt(n) cells of a
 // grid that an edge crosses adds its variance.
 double DirectLighting::Gathering::variance_of(const Share& s) const {
-    if (s.unoccluded == 0.0) {
-        return s.cluster != nullptr ? s.spread : 0.0;
-    }
     const double edge = std::min(1.0, kEdgesPerRadian * s.angle);
-    const double n = s.samples;
-    const double share = s.mixed || !s.decided() ? 1.0 / (n * std::sqrt(n)) : edge / (n * n * n);
-    const double visible = s.visible();
-    const double spread = s.cluster != nullptr ? s.spread * visible * visible : 0.0;
-    return s.unoccluded * s.unoccluded * (kEdgeVariance * share + spread);
-}
-
-bool DirectLighting::Gathering::accurate() {
-    for (Share& s : shares_) {
-        if (s.sibling >= 0) {
-            Share& other = shares_[s.sibling];
-            if (s.all > 0.0 && other.all > 0.0) {
-                const bool differ = (s.seen > 0.0) != (other.seen > 0.0);
-                s.mixed = s.cluster != nullptr && differ;
-                other.mixed = other.cluster != nullptr && differ;
-            }
-            s.sibling = -1;
-        }
-    }
-    std::erase_if(shares_,
-                  [](const Share& s) { return s.unoccluded == 0.0 && s.cluster == nullptr; });
-    direct_ = variance_ = 0.0;
-    bool refinable = false;
-    for (Share& s : shares_) {
-        s.variance = variance_of(s);
-        variance_ += s.variance;
-        direct_ += s.unoccluded * s.visible();
-        refinable |= s.variance > 0.0 && (s.cluster != nullptr || s.samples < kMostSamples);
-    }
-    const double total = std::max(direct_ + indirect_, lighting_.least_total_);
-    const double allowed = lighting_.settings_.accuracy * total;
-    return !refinable || variance_ <= allowed * allowed;
-}
-
-void DirectLighting::Gathering::refine() {
-    const auto gain = [](const Share& s) {
-        return s.cluster != nullptr       ? s.variance
-               : s.samples < kMostSamples ? s.variance / s.samples
-                                          : 0.0;
-    };
-    double largest = 0.0;
-    for (const Share& s : shares_) {
-        largest = std::max(largest, gain(s));
-    }
-    const std::size_t count = shares_.size();
-    for (std::size_t i = 0; i < count; ++i) {
-        if (gain(shares_[i]) < kRefinedTogether * largest) {
-            continue;
-        }
-        if (shares_[i].cluster != nullptr) {
-            split(i);
-        } else {
-            shares_[i].wanted = 2 * shares_[i].samples;
-        }
-    }
+    const double n = std::max(1.0, static_cast<double>(s.samples));
+    const bool mixed = (s.cluster != nullptr && s.mixed) || !s.decided();
+    const double share = mixed ? 1.0 / (n * std::sqrt(n)) : edge / (n * n * n);
+    const double visible = s.unoccluded > 0.0 ? s.visible() : 1.0;
+    return s.unoccluded * s.unoccluded * kEdgeVariance * share + s.geometry * visible * visible;
 }
 
 DirectIllumination DirectLighting::illuminate(std::span<const Receiver> receivers,

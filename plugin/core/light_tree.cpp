@@ -10,6 +10,8 @@ namespace isolux {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
+// Well above the rounding of the angles, rad.
+constexpr double kAngleSlack = 1e-6;
 
 double angle_between(const Vec3d& a, const Vec3d& b) {
     return std::atan2(length(cross(a, b)), dot(a, b));
@@ -47,8 +49,11 @@ std::int32_t LightTree::add_cluster(std::span<const LuminaireIlluminance> lumina
                 std::max(high.z, l.position.z)};
         axis += -l.z;
         cluster.luminous_flux += l.luminous_flux;
+        cluster.peak_intensity += luminaires[i].peak_intensity();
+        cluster.follows_cosine &= luminaires[i].follows_cosine();
     }
     cluster.centre = (low + high) * 0.5;
+    cluster.half = (high - low) * 0.5;
     cluster.axis = normalize(axis);
     for (const std::int32_t i : members) {
         const Luminaire& l = luminaires[i].luminaire();
@@ -101,17 +106,38 @@ std::int32_t LightTree::choose(const LightCluster& cluster, double u) const {
     return order_[above - cumulative_flux_.begin() - 1];
 }
 
-bool may_light(const LightCluster& cluster, const Receiver& receiver) {
+ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiver& receiver) {
     const Vec3d to = cluster.centre - receiver.position;
-    if (dot(to, receiver.normal.as<double>()) <= -cluster.radius) {
-        return false;
+    const Vec3d normal = receiver.normal.as<double>();
+    const double radius = cluster.radius, height = dot(to, normal);
+    const double squared = dot(to, to), distance = std::sqrt(squared);
+    if (height <= -radius) {
+        return {};
     }
     const double widest = cluster.spread + cluster.reach;
-    const double distance = length(to);
-    if (widest >= kPi || distance <= cluster.radius) {
-        return true;
+    if (widest < kPi && distance > radius &&
+        angle_between(cluster.axis, -to) - std::asin(radius / distance) > widest + kAngleSlack) {
+        return {};
     }
-    return angle_between(cluster.axis, -to) - std::asin(cluster.radius / distance) <= widest;
+    const auto beyond = [](double a, double half) { return std::max(0.0, std::abs(a) - half); };
+    const Vec3d gap{beyond(to.x, cluster.half.x), beyond(to.y, cluster.half.y),
+                    beyond(to.z, cluster.half.z)};
+    const double nearest = length(gap);
+    const double own = radius - length(cluster.half); // of a luminaire, at most
+    const auto extent = [&](const Vec3d& n) {
+        return own + std::abs(n.x) * cluster.half.x + std::abs(n.y) * cluster.half.y +
+               std::abs(n.z) * cluster.half.z;
+    };
+    ClusterIlluminance out;
+    out.middle = cluster.peak_intensity * std::max(0.0, height) / (distance * squared);
+    out.most = cluster.peak_intensity * std::min(1.0, (height + extent(normal)) / nearest) /
+               (nearest * nearest);
+    if (cluster.follows_cosine && cluster.spread < kAngleSlack) {
+        const double below = -dot(to, cluster.axis);
+        out.middle *= std::max(0.0, below) / distance;
+        out.most *= std::min(1.0, std::max(0.0, below + extent(cluster.axis)) / nearest);
+    }
+    return out;
 }
 
 } // namespace isolux

@@ -14,9 +14,11 @@ struct LightCluster {
     std::int32_t first = 0, last = 0;    // luminaires, in the tree's order
     std::int32_t children[2] = {-1, -1}; // none where first + 1 == last
     double luminous_flux = 0.0;          // lm
-    Vec3d centre;                        // m
+    double peak_intensity = 0.0;         // cd, at most, of all together
+    bool follows_cosine = true;          // of the angle to the nadir, all of them
+    Vec3d centre{}, half{};              // m; the middle of the luminaires' box, half its edges
     double radius = 0.0;                 // m, of the sphere that holds all luminaires
-    Vec3d axis;                          // unit; mean of the luminaires' nadirs
+    Vec3d axis{};                        // unit; mean of the luminaires' nadirs
     double spread = 0.0;                 // rad, widest angle from the axis to a nadir
     double reach = 0.0;                  // rad, widest angle from its nadir that a luminaire lights
 };
@@ -41,7 +43,11 @@ class LightTree {
     std::vector<double> cumulative_flux_; // lm, in the tree's order, from 0
 };
 
-// False where no light of the cluster can come to the receiver's front.
-bool may_light(const LightCluster& cluster, const Receiver& receiver);
+// Illuminance that a cluster may give a receiver if nothing is in the way, lx: no more than `most`,
+// and about `middle` if all its light came from its centre. Both are zero where it can give none.
+struct ClusterIlluminance {
+    double most = 0.0, middle = 0.0;
+};
+ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiver& receiver);
 
 } // namespace isolux

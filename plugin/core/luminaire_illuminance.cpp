@@ -55,10 +55,9 @@ double luminous_area(const LuminaireShape& shape) {
         shape);
 }
 
-double shape_reach(const LuminaireShape& shape) {
-    const bool flat = std::holds_alternative<DiskLuminaire>(shape) ||
-                      std::holds_alternative<RectLuminaire>(shape);
-    return flat ? 0.5 * kPi : kPi;
+bool is_flat(const LuminaireShape& shape) {
+    return std::holds_alternative<DiskLuminaire>(shape) ||
+           std::holds_alternative<RectLuminaire>(shape);
 }
 
 // Intensity of a surface of constant luminance in a local direction, for a flux of 1 lm.
@@ -92,12 +91,21 @@ struct CylinderSide {
 LuminaireIlluminance::LuminaireIlluminance(const Luminaire& luminaire)
     : luminaire_(luminaire), radius_(bounding_radius(luminaire.shape)),
       reach_(luminaire.diagram != nullptr ? luminaire.diagram->widest_gamma()
-                                          : shape_reach(luminaire.shape)),
+                                          : (is_flat(luminaire.shape) ? 0.5 : 1.0) * kPi),
       point_openings_(std::holds_alternative<CylinderLuminaire>(luminaire.shape) ? kExactOpenings
                                                                                  : kPointOpenings),
       area_(luminous_area(luminaire.shape)),
       scale_(luminaire.luminous_flux /
              (luminaire.diagram != nullptr ? luminaire.diagram->luminous_flux() : 1.0)) {}
+
+bool LuminaireIlluminance::follows_cosine() const {
+    return luminaire_.diagram == nullptr && is_flat(luminaire_.shape);
+}
+
+double LuminaireIlluminance::peak_intensity() const {
+    return scale_ * (luminaire_.diagram != nullptr ? luminaire_.diagram->peak_intensity()
+                                                   : profile(luminaire_.shape, {0.0, 0.0, -1.0}));
+}
 
 Vec3d LuminaireIlluminance::to_local(const Vec3d& v) const {
     return {dot(v, luminaire_.x), dot(v, luminaire_.y), dot(v, luminaire_.z)};

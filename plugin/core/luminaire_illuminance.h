@@ -26,6 +26,11 @@ class LuminaireIlluminance {
     // The angle from local -Z beyond which there is no light, rad.
     double reach() const { return reach_; }
 
+    // cd, in the direction where there is most light.
+    double peak_intensity() const;
+    // Its intensity falls with the cosine to its nadir: flat, of constant luminance.
+    bool follows_cosine() const;
+
     // lx. Exact for constant luminance; a goniometric diagram counts as a point beyond seven
     // openings, by quadrature over the opening nearer.
     double unoccluded(const Receiver& receiver) const;

@@ -194,11 +194,13 @@ bool DirectLighting::Gathering::add(std::int32_t luminaire, const LightCluster* 
         centre = cluster->centre;
         radius = cluster->radius;
         share.unoccluded *= cluster->luminous_flux / light.luminaire().luminous_flux;
-        // As if even up to the most; but then few of them are so bright [Bhatia & Davis 2000].
+        // To first order, or as if even up to the most; few can be that bright
+        // [Bhatia & Davis 2000].
         const double mean = share.unoccluded > 0.0 ? share.unoccluded : bound.middle;
         const double above = std::max(0.0, bound.most - mean);
         share.geometry =
-            mean > 0.0 ? std::min(above * above / 3.0, above * mean) : above * above / 12.0;
+            mean > 0.0 ? std::min({above * above / 3.0, above * mean, bound.spread * mean * mean})
+                       : above * above / 12.0;
     } else if (share.unoccluded == 0.0) {
         return false;
     }

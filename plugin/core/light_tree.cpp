@@ -13,6 +13,9 @@ constexpr double kPi = std::numbers::pi;
 // Well above the rounding of the angles, rad.
 constexpr double kAngleSlack = 1e-6;
 
+// Relative variance where the horizon passes through a cluster: large.
+constexpr double kUnknownSpread = 1e6;
+
 double angle_between(const Vec3d& a, const Vec3d& b) {
     return std::atan2(length(cross(a, b)), dot(a, b));
 }
@@ -132,11 +135,19 @@ ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiv
     out.middle = cluster.peak_intensity * std::max(0.0, height) / (distance * squared);
     out.most = cluster.peak_intensity * std::min(1.0, (height + extent(normal)) / nearest) /
                (nearest * nearest);
+    // Logarithmic derivative of height / distance³.
+    Vec3d slope = normal * (1.0 / height) + to * (-3.0 / squared);
+    bool first_order = height > extent(normal);
     if (cluster.follows_cosine && cluster.spread < kAngleSlack) {
         const double below = -dot(to, cluster.axis);
         out.middle *= std::max(0.0, below) / distance;
         out.most *= std::min(1.0, std::max(0.0, below + extent(cluster.axis)) / nearest);
+        slope += cluster.axis * (-1.0 / below) + to * (-1.0 / squared);
+        first_order &= below > extent(cluster.axis);
     }
+    const Vec3d change{slope.x * cluster.half.x, slope.y * cluster.half.y,
+                       slope.z * cluster.half.z};
+    out.spread = first_order ? dot(change, change) / 3.0 : kUnknownSpread;
     return out;
 }
 

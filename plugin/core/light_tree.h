@@ -43,10 +43,11 @@ class LightTree {
     std::vector<double> cumulative_flux_; // lm, in the tree's order, from 0
 };
 
-// Illuminance that a cluster may give a receiver if nothing is in the way, lx: no more than `most`,
-// and about `middle` if all its light came from its centre. Both are zero where it can give none.
+// Illuminance that a cluster may give a receiver if nothing is in the way: no more than `most`,
+// zero where it can give none, and about `middle` if all its light came from its centre.
 struct ClusterIlluminance {
-    double most = 0.0, middle = 0.0;
+    double most = 0.0, middle = 0.0; // lx
+    double spread = 0.0;             // relative variance between its luminaires, to first order
 };
 ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiver& receiver);
 

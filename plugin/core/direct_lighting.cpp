@@ -29,6 +29,9 @@ constexpr double kEdgesPerRadian = 2.0;
 // Variance of the unknown visible share of a luminaire that an edge crosses somewhere: the mean of
 // p (1 - p).
 constexpr double kEdgeVariance = 1.0 / 6.0;
+// Of what n rays that agree miss, times n³: between 1/6 for straight edges along the grid and 4 for
+// corners.
+constexpr double kMissedVariance = 0.5;
 // Totals below this share of the mean illuminance that the luminaires could give are dark.
 constexpr double kDark = 0.1;
 // Shares of light whose variance for each shadow ray is at least this part of the largest are
@@ -84,8 +87,9 @@ class DirectLighting::Gathering {
         std::int32_t luminaire = 0;
         const LightCluster* cluster = nullptr; // null: the luminaire alone
         double unoccluded = 0.0;               // lx
-        double geometry = 0.0;                 // lx², variance of unoccluded light in a cluster
-        double angle = 0.0;                    // rad, radius as seen from the receiver
+        double expected = 0.0; // lx, the same whichever of a cluster's luminaires is looked at
+        double geometry = 0.0; // lx², variance of unoccluded light in a cluster
+        double angle = 0.0;    // rad, radius as seen from the receiver
         std::uint32_t samples = 0, wanted = 1; // points of the luminaire tried, to be tried
         double seen = 0.0, all = 0.0;          // sums of their weights
         bool mixed = false;                    // its sibling's shadow rays met something else
@@ -187,7 +191,7 @@ bool DirectLighting::Gathering::add(std::int32_t luminaire, const LightCluster* 
                                     const ClusterIlluminance& bound) {
     const LuminaireIlluminance& light = lighting_.luminaires_[luminaire];
     Share share{.luminaire = luminaire, .cluster = cluster};
-    share.unoccluded = light.unoccluded(receiver_);
+    share.expected = share.unoccluded = light.unoccluded(receiver_);
     Vec3d centre = light.luminaire().position;
     double radius = light.radius();
     if (cluster != nullptr) {
@@ -196,11 +200,11 @@ bool DirectLighting::Gathering::add(std::int32_t luminaire, const LightCluster* 
         share.unoccluded *= cluster->luminous_flux / light.luminaire().luminous_flux;
         // To first order, or as if even up to the most; few can be that bright
         // [Bhatia & Davis 2000].
-        const double mean = share.unoccluded > 0.0 ? share.unoccluded : bound.middle;
-        const double above = std::max(0.0, bound.most - mean);
-        share.geometry =
-            mean > 0.0 ? std::min({above * above / 3.0, above * mean, bound.spread * mean * mean})
-                       : above * above / 12.0;
+        share.expected = bound.middle;
+        const double above = std::max(0.0, bound.most - bound.middle);
+        share.geometry = bound.middle > 0.0 ? std::min({above * above / 3.0, above * bound.middle,
+                                                        bound.spread * bound.middle * bound.middle})
+                                            : above * above / 12.0;
     } else if (share.unoccluded == 0.0) {
         return false;
     }
@@ -332,16 +336,17 @@ void DirectLighting::Gathering::settle() {
     }
 }
 
-// Where all shadow rays of a luminaire agree, an edge may still pass between them: with n even
-// rays it takes a strip of 1/n at most. Where they don't, each of the about sqrt(n) cells of a
-// grid that an edge crosses adds its variance.
+// Where all shadow rays of a luminaire agree, an edge may still pass beside them: the hidden part
+// that n even rays miss is about 1/n. Where they don't, each of the about sqrt(n) cells of a grid
+// that an edge crosses adds its variance. It is the same for light seen and hidden: to look closer
+// at one of them alone would have the rest outweigh it.
 double DirectLighting::Gathering::variance_of(const Share& s) const {
-    const double edge = std::min(1.0, kEdgesPerRadian * s.angle);
     const double n = std::max(1.0, static_cast<double>(s.samples));
     const bool mixed = (s.cluster != nullptr && s.mixed) || !s.decided();
-    const double share = mixed ? 1.0 / (n * std::sqrt(n)) : edge / (n * n * n);
-    const double visible = s.unoccluded > 0.0 ? s.visible() : 1.0;
-    return s.unoccluded * s.unoccluded * kEdgeVariance * share + s.geometry * visible * visible;
+    const double edge = std::min(1.0, kEdgesPerRadian * s.angle);
+    const double share = mixed ? kEdgeVariance / (n * std::sqrt(n))
+                               : edge * std::min(kEdgeVariance, kMissedVariance / (n * n * n));
+    return s.expected * s.expected * share + s.geometry;
 }
 
 DirectIllumination DirectLighting::illuminate(std::span<const Receiver> receivers,

@@ -258,14 +258,14 @@ def test_black_surfaces_want_no_elements() -> None:
 
 
 def test_photons_that_contradict_the_vertices_make_the_threshold_strict() -> None:
-    """Vertices all lit, photons see half the light around: something is between."""
+    """Vertices all lit, photons see a fifth of the light around: something is between."""
 
     def faint_band(positions: Array, normals: Array) -> Array:
         return np.where(np.abs(positions[:, 0] + 0.25) < 0.1, 75.0, 100.0)
 
     run = Run([surface(FLOOR, 0.5)], faint_band)
     count = run.scene.vertex_count
-    dark, bright = (np.full((count, 3), e, np.float32) for e in (50.0, 100.0))
+    dark, bright = (np.full((count, 3), e, np.float32) for e in (20.0, 100.0))
     elements = {}
     for name, regional in (("none", None), ("dark", dark), ("bright", bright)):
         elements[name] = len(run.begin(0.15, regional=regional).iterate()["elements"])

@@ -124,8 +124,10 @@ EdgeProfile MeshRefinement::profile(const RefinedEdge& edge) const {
 }
 
 // Direct light at the ends against that of the region around them [§4]: where photons contradict
-// it, a pattern of high contrast lies between, and the threshold is halved; where they agree, the
-// light is uniform and needs no samples beyond the edge's middle.
+// it, a pattern of high contrast lies near, and the threshold is halved.
+// Departure: where photons agree with it, the paper takes fewer samples; here none, but asks for
+// twice the agreement. In the spot room that saves 44 % of them and no element; with the midpoint
+// kept it saves nothing (tools/mesh_elements.py).
 MeshRefinement::Expectation MeshRefinement::expectation(const RefinedEdge& edge) const {
     constexpr float kDeviations = 2.0F; // of the photons' noise: one in twenty by chance
     bool contradicted = false, uniform = has_regional_;
@@ -141,8 +143,8 @@ MeshRefinement::Expectation MeshRefinement::expectation(const RefinedEdge& edge)
             const double here = brightness(samples_[sample].direct, sample, side.reflectance);
             const double low = regional(std::max(0.0F, 1.0F - spread));
             const double high = regional(1.0F + spread);
-            contradicted |= here < low - 0.5 * threshold_ || here > high + 0.5 * threshold_;
-            uniform &= std::max(here, high) - std::min(here, low) < threshold_;
+            contradicted |= here < low - threshold_ || here > high + threshold_;
+            uniform &= std::max(here, high) - std::min(here, low) < 0.5 * threshold_;
         }
     }
     return {contradicted ? 0.5 * threshold_ : threshold_, uniform};
@@ -150,11 +152,11 @@ MeshRefinement::Expectation MeshRefinement::expectation(const RefinedEdge& edge)
 
 // Bit i: the gap after sample i wants a sample in its middle.
 std::uint32_t MeshRefinement::wanted_gaps(const RefinedEdge& edge) const {
-    std::uint32_t gaps = 1;
-    if (edge.inner_count > 0) {
-        const auto [threshold, uniform] = expectation(edge);
-        gaps = uniform ? 0 : gaps_to_sample(profile(edge), threshold);
+    const auto [threshold, uniform] = expectation(edge);
+    if (uniform) {
+        return 0;
     }
+    std::uint32_t gaps = edge.inner_count == 0 ? 1 : gaps_to_sample(profile(edge), threshold);
     const auto& [a, b] = mesh_.side(edge.first_side).ends;
     const double whole = length(vertex(b).position - vertex(a).position);
     for (int i = 0; i <= edge.inner_count; ++i) {

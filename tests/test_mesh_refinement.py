@@ -274,16 +274,21 @@ def test_photons_that_contradict_the_vertices_make_the_threshold_strict() -> Non
 
 
 def test_photons_that_agree_with_the_vertices_save_samples() -> None:
-    def ramp(positions: Array, normals: Array) -> Array:
-        return 100.0 + 45.0 * positions[:, 0]
+    """None where light is even; all that they need where two vertices differ."""
 
-    def samples(agree: bool) -> int:
-        run = Run([surface(FLOOR, 0.5)], ramp)
+    def samples(light: Light, *, agree: bool) -> tuple[int, int]:
+        run = Run([surface(FLOOR, 0.5)], light)
         lit = run._direct(run.scene.receiver_positions, run.scene.vertex_normals)
-        run.begin(0.02, regional=lit if agree else None).iterate()
-        return run.samples
+        mesh = run.begin(0.05, regional=lit if agree else None).iterate()
+        return run.samples, len(mesh["elements"])
 
-    assert samples(agree=True) < 0.8 * samples(agree=False)
+    even = [samples(lambda positions, normals: np.full(len(positions), 50.0), agree=agree)
+            for agree in (False, True)]  # fmt: skip
+    assert even[0][0] > 200
+    assert even[1][0] == 0
+    border = [samples(half_plane, agree=agree) for agree in (False, True)]
+    assert border[1][0] < border[0][0] / 2
+    assert border[1][1] == border[0][1]
 
 
 def test_vertices_go_and_come_back_with_the_threshold() -> None:

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <stdexcept>
 
@@ -133,6 +134,7 @@ MeshRefinement::Expectation MeshRefinement::expectation(const RefinedEdge& edge)
     bool contradicted = false, uniform = has_regional_;
     for (std::int32_t s = edge.first_side; has_regional_ && s >= 0; s = mesh_.side(s).next) {
         const EdgeSide& side = mesh_.side(s);
+        double least = std::numeric_limits<double>::infinity(), most = 0.0;
         for (const std::int32_t vertex : side.ends) {
             const std::int32_t sample = mesh_.sample_of(vertex);
             const Local& local = local_[sample];
@@ -144,8 +146,10 @@ MeshRefinement::Expectation MeshRefinement::expectation(const RefinedEdge& edge)
             const double low = regional(std::max(0.0F, 1.0F - spread));
             const double high = regional(1.0F + spread);
             contradicted |= here < low - threshold_ || here > high + threshold_;
-            uniform &= std::max(here, high) - std::min(here, low) < 0.5 * threshold_;
+            least = std::min({least, here, low});
+            most = std::max({most, here, high});
         }
+        uniform &= most - least < 0.5 * threshold_;
     }
     return {contradicted ? 0.5 * threshold_ : threshold_, uniform};
 }

@@ -127,8 +127,8 @@ EdgeProfile MeshRefinement::profile(const RefinedEdge& edge) const {
 // Direct light at the ends against that of the region around them [§4]: where photons contradict
 // it, a pattern of high contrast lies near, and the threshold is halved.
 // Departure: where photons agree with it, the paper takes fewer samples; here none, but asks for
-// twice the agreement. In the spot room that saves 44 % of them and no element; with the midpoint
-// kept it saves nothing (tools/mesh_elements.py).
+// twice the agreement, and of both ends. In the spot room that saves 33 % of all samples for the
+// same picture; with the midpoint kept it saves nothing (tools/mesh_elements.py).
 MeshRefinement::Expectation MeshRefinement::expectation(const RefinedEdge& edge) const {
     constexpr float kDeviations = 2.0F; // of the photons' noise: one in twenty by chance
     bool contradicted = false, uniform = has_regional_;

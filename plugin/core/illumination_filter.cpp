@@ -15,34 +15,10 @@
 namespace isolux {
 namespace {
 
-// Vertices are filtered in blocks of neighbours; values are shared within a block only, so that
-// the outcome does not depend on which thread takes which block.
-constexpr std::size_t kBlock = 1024;
-
-// Relative to the largest coordinate: floats of recentred positions resolve 2^-24 of it.
-constexpr float kCoincident = 0x1p-22F;
-
-std::vector<Vec3f> recentred(const std::vector<Vec3d>& positions) {
-    Vec3d sum;
-    for (const auto& p : positions) {
-        sum += p;
-    }
-    const Vec3d centre =
-        sum * (1.0 / static_cast<double>(std::max<std::size_t>(1, positions.size())));
-    std::vector<Vec3f> out(positions.size());
-    std::ranges::transform(positions, out.begin(),
-                           [&](const Vec3d& p) { return (p - centre).as<float>(); });
-    return out;
-}
-
-float least_squared_radius(std::span<const Vec3f> positions) {
-    float largest = std::numeric_limits<float>::min();
-    for (const auto& p : positions) {
-        largest = std::max({largest, std::abs(p.x), std::abs(p.y), std::abs(p.z)});
-    }
-    const float radius = kCoincident * largest;
-    return std::max(radius * radius, std::numeric_limits<float>::min());
-}
+// A thread filters at least so many vertices at a time, where one surface has as many.
+constexpr std::uint32_t kBlock = 1024;
+// A cell is tried where it is at most so much wider than the supports nearby let values be shared.
+constexpr float kOptimism = 2.0F;
 
 // Area-weighted over the elements around each vertex, both sides alike.
 std::vector<double> luminance_reflectance(const IlluminationMesh& mesh) {
@@ -66,6 +42,29 @@ std::vector<double> luminance_reflectance(const IlluminationMesh& mesh) {
 
 constexpr std::array kLightPaths{LightPath::direct, LightPath::indirect};
 
+// What photons left in the buckets, summed over all vertices of lower rank.
+struct BucketSums {
+    SupportSelection::HitSums hits;
+    std::vector<std::array<Vec3d, 2>> colours; // in photons; empty where all light is white
+
+    BucketSums(const PhotonBuckets& buckets, std::span<const std::int32_t> vertices)
+        : hits(vertices.size() + 1), colours(buckets.coloured() ? vertices.size() + 1 : 0) {
+        for (std::size_t rank = 0; rank < vertices.size(); ++rank) {
+            for (const LightPath light : kLightPaths) {
+                const auto path = static_cast<std::size_t>(light);
+                const auto halves = buckets.half_hit_counts(vertices[rank], light);
+                for (const std::size_t half : {0U, 1U}) {
+                    hits[rank + 1][path][half] = hits[rank][path][half] + halves[half];
+                }
+                if (!colours.empty()) {
+                    colours[rank + 1][path] =
+                        colours[rank][path] + buckets.colour_sum(vertices[rank], light);
+                }
+            }
+        }
+    }
+};
+
 // One vertex's filtered light of one light path.
 struct VertexEstimate {
     FilteredIllumination::Halves halves{};
@@ -74,25 +73,28 @@ struct VertexEstimate {
     float radius = 0.0F, least_radius = 0.0F;
 };
 
-VertexEstimate estimate(const PhotonBuckets& buckets, LightPath path,
-                        const std::array<std::vector<double>, 2>& counts,
-                        std::span<const Neighbour> accepted, const std::array<Support, 2>& supports,
-                        double half_photon_flux) {
+VertexEstimate estimate(const BucketSums& sums, std::size_t path,
+                        std::span<const SupportCell> accepted,
+                        const std::array<Support, 2>& supports, double half_photon_flux) {
     VertexEstimate out;
+    double illuminance = 0.0, variance = 0.0, hits = 0.0;
     Vec3d colours;
-    double hits = 0.0, illuminance = 0.0, variance = 0.0;
     for (const std::size_t half : {0U, 1U}) {
         const Support& support = supports[half];
-        double other_hits = 0.0;
-        for (const auto& member : accepted.first(support.size)) {
-            other_hits += counts[1 - half][member.vertex];
-            hits += counts[0][member.vertex] + counts[1][member.vertex];
-            colours += buckets.colour_sum(member.vertex, path);
-        }
         const double to_illuminance = support.area > 0.0 ? half_photon_flux / support.area : 0.0;
-        out.halves[half] = {static_cast<float>(other_hits * to_illuminance), support.area};
-        illuminance += 0.5 * other_hits * to_illuminance;
-        variance += 0.25 * other_hits * to_illuminance * to_illuminance;
+        const double from_other_half = support.other_hits * to_illuminance;
+        out.halves[half] = {static_cast<float>(from_other_half), support.area};
+        illuminance += 0.5 * from_other_half;
+        variance += 0.25 * from_other_half * to_illuminance;
+        hits += support.hit_count + support.other_hits;
+        if (!sums.colours.empty()) {
+            for (const SupportCell& cell : accepted.first(support.size)) {
+                colours += sums.colours[cell.end][path] - sums.colours[cell.begin][path];
+            }
+        }
+    }
+    if (sums.colours.empty()) {
+        colours = {hits, hits, hits};
     }
     out.illuminance = (colours * (hits > 0.0 ? illuminance / hits : 0.0)).as<float>();
     if (illuminance > 0.0) {
@@ -110,22 +112,123 @@ void assign(const VertexEstimate& estimate, std::size_t vertex, FilteredIllumina
     out.support_radius[vertex] = estimate.radius;
 }
 
+// Filters the vertices of one cell after the other. Where a support is so wide that all of a cell
+// lies within the sharing distance of one of its vertices, that vertex's value is all's.
+class CellFilter {
+  public:
+    CellFilter(const VertexKdTree& tree, std::span<const double> reflectance,
+               const BucketSums& sums, const SupportCriteria& criteria, double sharing,
+               std::array<FilteredIllumination, 2>& out)
+        : tree_(tree), sums_(sums), selection_(tree, reflectance, sums.hits, criteria),
+          half_photon_flux_(criteria.photon_flux), sharing_(static_cast<float>(sharing)),
+          out_(out) {}
+
+    // radius: m, of supports nearby
+    void filter(const VertexCell& cell, std::array<bool, 2> wanted, std::array<float, 2> radius) {
+        if (cell.first_child < 0) {
+            filter_leaf(cell, wanted);
+            return;
+        }
+        const std::array<bool, 2> due = {wanted[0] && worth_a_try(cell, radius[0]),
+                                         wanted[1] && worth_a_try(cell, radius[1])};
+        if ((due[0] || due[1]) && cell.all_cosine <= 1.0F) {
+            const std::uint32_t rank = cell.middle;
+            const Vec3f offset = tree_.positions()[rank] - cell.centre;
+            const float reach = cell.radius + std::sqrt(dot(offset, offset));
+            if (dot(tree_.normals()[rank], cell.axis) >= cell.all_cosine) {
+                const auto found = estimates(rank, due);
+                for (const std::size_t path : {0U, 1U}) {
+                    if (!due[path]) {
+                        continue;
+                    }
+                    radius[path] = found[path].least_radius;
+                    if (reach <= sharing_ * radius[path]) {
+                        for (std::uint32_t r = cell.begin; r < cell.end; ++r) {
+                            assign(found[path], tree_.vertices()[r], out_[path]);
+                        }
+                        wanted[path] = false;
+                    }
+                }
+            }
+        }
+        if (wanted[0] || wanted[1]) {
+            filter(tree_.cells()[cell.first_child], wanted, radius);
+            filter(tree_.cells()[cell.first_child + 1], wanted, radius);
+        }
+    }
+
+  private:
+    bool worth_a_try(const VertexCell& cell, float radius) const {
+        return cell.radius <= kOptimism * sharing_ * radius;
+    }
+
+    std::array<VertexEstimate, 2> estimates(std::uint32_t rank, std::array<bool, 2> wanted) {
+        const auto supports = selection_.select(rank, wanted);
+        std::array<VertexEstimate, 2> out;
+        for (const std::size_t path : {0U, 1U}) {
+            if (wanted[path]) {
+                out[path] =
+                    estimate(sums_, path, selection_.accepted(), supports[path], half_photon_flux_);
+            }
+        }
+        return out;
+    }
+
+    void filter_leaf(const VertexCell& cell, std::array<bool, 2> wanted) {
+        std::array<std::uint32_t, 2> shared{}; // bits
+        for (std::uint32_t rank = cell.begin; rank < cell.end; ++rank) {
+            const std::uint32_t bit = 1U << (rank - cell.begin);
+            const std::array<bool, 2> here = {wanted[0] && !(shared[0] & bit),
+                                              wanted[1] && !(shared[1] & bit)};
+            if (!here[0] && !here[1]) {
+                continue;
+            }
+            const auto found = estimates(rank, here);
+            for (const std::size_t path : {0U, 1U}) {
+                if (!here[path]) {
+                    continue;
+                }
+                const float distance = sharing_ * found[path].least_radius;
+                assign(found[path], tree_.vertices()[rank], out_[path]);
+                for (std::uint32_t r = rank + 1; r < cell.end; ++r) {
+                    const Vec3f offset = tree_.positions()[r] - tree_.positions()[rank];
+                    if (dot(offset, offset) <= distance * distance &&
+                        dot(tree_.normals()[rank], tree_.normals()[r]) >= kNormalCosine) {
+                        shared[path] |= 1U << (r - cell.begin);
+                        assign(found[path], tree_.vertices()[r], out_[path]);
+                    }
+                }
+            }
+        }
+    }
+
+    const VertexKdTree& tree_;
+    const BucketSums& sums_;
+    SupportSelection selection_;
+    double half_photon_flux_;
+    float sharing_;
+    std::array<FilteredIllumination, 2>& out_;
+};
+
 } // namespace
 
 IlluminationFilter::IlluminationFilter(const IlluminationMesh& mesh)
-    : mesh_(mesh), positions_(recentred(mesh.positions)), reflectance_(luminance_reflectance(mesh)),
-      component_sizes_(mesh.positions.size()),
-      least_squared_radius_(least_squared_radius(positions_)), tree_(positions_, {}),
-      connected_tree_(positions_, mesh.components), rank_(mesh.positions.size()) {
-    for (const std::int32_t component : mesh.components) {
-        ++component_sizes_[component];
+    : mesh_(mesh), tree_(mesh), reflectance_(mesh.positions.size()) {
+    const auto reflectance = luminance_reflectance(mesh);
+    for (std::size_t rank = 0; rank < reflectance_.size(); ++rank) {
+        reflectance_[rank] = reflectance[tree_.vertices()[rank]];
     }
-    for (std::size_t v = 0; v < component_sizes_.size(); ++v) {
-        component_sizes_[v] = component_sizes_[mesh.components[v]]; // roots come first
-    }
-    const auto order = tree_.spatial_order();
-    for (std::size_t i = 0; i < order.size(); ++i) {
-        rank_[order[i]] = static_cast<std::uint32_t>(i);
+    const auto cells = tree_.cells();
+    for (std::vector<std::int32_t> open = {0}; !open.empty() && !cells.empty();) {
+        const std::int32_t at = open.back();
+        open.pop_back();
+        const VertexCell& cell = cells[at];
+        if (cell.component >= 0 && cell.end - cell.begin <= kBlock) {
+            blocks_.push_back(at);
+        } else {
+            open.push_back(cell.first_child + 1);
+            open.push_back(cell.first_child);
+        }
     }
 }
 
@@ -133,25 +236,23 @@ std::array<FilteredIllumination, 2> IlluminationFilter::filter(const PhotonBucke
                                                                double photon_flux,
                                                                const FilterSettings& settings,
                                                                int threads) const {
-    const std::size_t n = positions_.size();
-    SupportSelection::Counts counts;
+    const std::size_t n = reflectance_.size();
+    const BucketSums sums(buckets, tree_.vertices());
     std::vector<double> seen(n); // cd/m²
-    for (const LightPath path : kLightPaths) {
-        auto& [even, odd] = counts[static_cast<std::size_t>(path)];
-        even.resize(n);
-        odd.resize(n);
-        for (std::size_t v = 0; v < n; ++v) {
-            const auto halves = buckets.half_hit_counts(static_cast<std::int32_t>(v), path);
-            even[v] = static_cast<double>(halves[0]);
-            odd[v] = static_cast<double>(halves[1]);
-            if (mesh_.areas[v] > 0.0) {
-                seen[v] += (even[v] + odd[v]) * photon_flux / mesh_.areas[v] * reflectance_[v] /
-                           std::numbers::pi;
+    for (std::size_t rank = 0; rank < n; ++rank) {
+        if (tree_.areas()[rank] > 0.0) {
+            std::uint64_t hits = 0;
+            for (const std::size_t path : {0U, 1U}) {
+                for (const std::size_t half : {0U, 1U}) {
+                    hits += sums.hits[rank + 1][path][half] - sums.hits[rank][path][half];
+                }
             }
+            seen[rank] = static_cast<double>(hits) * photon_flux / tree_.areas()[rank] *
+                         reflectance_[rank] / std::numbers::pi;
         }
     }
     const SupportCriteria criteria{settings.accuracy * std::numbers::sqrt2, 2.0 * photon_flux,
-                                   dark_luminance(adaptation_luminance(seen, mesh_.areas)),
+                                   dark_luminance(adaptation_luminance(seen, tree_.areas())),
                                    IntervalTable(settings.rule)};
 
     std::array<FilteredIllumination, 2> out;
@@ -159,43 +260,11 @@ std::array<FilteredIllumination, 2> IlluminationFilter::filter(const PhotonBucke
         filtered = {std::vector<FilteredIllumination::Halves>(n), std::vector<Vec3f>(n),
                     std::vector<float>(n), std::vector<float>(n)};
     }
-    const auto order = tree_.spatial_order();
-    const auto filter_block = [&](std::size_t begin, std::size_t end) {
-        SupportSelection selection(*this, counts, criteria);
-        std::vector<std::array<bool, 2>> wanted(end - begin, {true, true});
-        for (std::size_t i = begin; i < end; ++i) {
-            const std::array<bool, 2> here = wanted[i - begin];
-            if (!here[0] && !here[1]) {
-                continue;
-            }
-            const auto supports = selection.select(static_cast<std::int32_t>(order[i]), here);
-            for (const LightPath light : kLightPaths) {
-                const auto path = static_cast<std::size_t>(light);
-                if (!here[path]) {
-                    continue;
-                }
-                const VertexEstimate found =
-                    estimate(buckets, light, counts[path], selection.accepted(), supports[path],
-                             criteria.photon_flux);
-                assign(found, order[i], out[path]);
-                const float sharing_radius =
-                    found.least_radius * static_cast<float>(settings.sharing);
-                for (const auto& member : selection.accepted()) {
-                    if (member.squared_distance > sharing_radius * sharing_radius) {
-                        break;
-                    }
-                    const std::size_t rank = rank_[member.vertex];
-                    if (rank > i && rank < end && wanted[rank - begin][path]) {
-                        wanted[rank - begin][path] = false;
-                        assign(found, static_cast<std::size_t>(member.vertex), out[path]);
-                    }
-                }
-            }
-        }
-    };
     tbb::task_arena(threads).execute([&] {
-        tbb::parallel_for(std::size_t{0}, (n + kBlock - 1) / kBlock, [&](std::size_t block) {
-            filter_block(block * kBlock, std::min(n, (block + 1) * kBlock));
+        tbb::parallel_for(std::size_t{0}, blocks_.size(), [&](std::size_t block) {
+            constexpr float kUnknown = std::numeric_limits<float>::max();
+            CellFilter(tree_, reflectance_, sums, criteria, settings.sharing, out)
+                .filter(tree_.cells()[blocks_[block]], {true, true}, {kUnknown, kUnknown});
         });
     });
     return out;

@@ -45,15 +45,10 @@ class IlluminationFilter {
                                                const FilterSettings& settings, int threads) const;
 
   private:
-    friend class SupportSelection;
-
     const IlluminationMesh& mesh_;
-    std::vector<Vec3f> positions_;              // recentred, m
-    std::vector<double> reflectance_;           // of luminance, a vertex
-    std::vector<std::int32_t> component_sizes_; // vertices of the vertex's component
-    float least_squared_radius_;                // m², below which positions coincide
-    VertexKdTree tree_, connected_tree_;
-    std::vector<std::uint32_t> rank_; // of each vertex in the tree's spatial order
+    VertexKdTree tree_;
+    std::vector<double> reflectance_;  // of luminance, by rank in the tree
+    std::vector<std::int32_t> blocks_; // cells that hold all vertices, a thread's work each
 };
 
 } // namespace isolux

@@ -1,91 +1,107 @@
 #include "core/support_selection.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
-#include <limits>
 #include <numbers>
 
 namespace isolux {
 namespace {
 
-// Normals of a support agree within 25°, so that a curved surface is not taken for flat.
-const float kNormalCosine = std::cos(25.0F * std::numbers::pi_v<float> / 180.0F);
 // A vertex of another surface is coplanar where it is seen within 5° of the tangent plane.
 const float kPlaneSine = std::sin(5.0F * std::numbers::pi_v<float> / 180.0F);
-// Supports are judged each time their area has grown by this factor: a radius step of 15 %.
-constexpr double kAreaStep = 1.3;
-constexpr std::size_t kFirstCandidates = 24;
-// Each further shell doubles the area.
-constexpr float kSquaredRadiusStep = 2.0F;
-// Departure: the search for a support ends after this many vertices, where the paper sets no bound:
-// it keeps the cost of a vertex bounded in dark and vast surroundings.
-constexpr std::size_t kMaxConnected = 512, kMaxOthers = 128;
-// A surface with fewer photons than these (a deviation above 25 %) may draw on other surfaces.
-constexpr double kFewPhotons = 16.0;
+// Supports are judged each time a shell has been taken and their area has grown by this factor.
+constexpr double kAreaStep = 1.2;
+// A cell is taken as one from this many times its radius on.
+constexpr float kFar = 3.0F;
+// Departure: so many cells of other surfaces are looked at, where the paper sets no bound: it keeps
+// the cost of a vertex bounded in crowded surroundings.
+constexpr std::size_t kMaxOthers = 100;
+// Half a surface's photons; with fewer (a deviation above 25 % of both halves) it may draw on other
+// surfaces.
+// Departure: with fewer, illuminance can't be told to be higher than elsewhere, where the paper
+// lets even one photon do so: each photon of a sparse early stage stopped the supports at its
+// bucket. In a sphere with one hit a vertex the RMS error is 18.0 %, with the paper's way 20.1 %.
+constexpr double kFewPhotons = 8.0;
 
 } // namespace
 
-bool SupportSelection::accepts(std::int32_t vertex, const Neighbour& candidate) const {
-    const auto& mesh = filter_.mesh_;
-    const std::int32_t other = candidate.vertex;
-    const Vec3f& normal = mesh.normals[vertex];
-    if (dot(normal, mesh.normals[other]) < kNormalCosine) {
-        // Without a normal, where all faces around have no area, any light nearby will do.
-        return other == vertex || dot(normal, normal) == 0.0F;
-    }
-    if (mesh.components[vertex] == mesh.components[other]) {
-        return true;
-    }
-    const float height = dot(normal, filter_.positions_[other] - filter_.positions_[vertex]);
-    return height * height <= kPlaneSine * kPlaneSine * candidate.squared_distance;
+void SupportSelection::push(float squared_distance, Candidate candidate) {
+    // The float's exponent and one bit of its mantissa.
+    const std::size_t shell = std::bit_cast<std::uint32_t>(squared_distance * scale_) >> 22;
+    auto& first = shells_[std::clamp(shell, shell_, kShells - 1)];
+    candidate.next = first;
+    first = static_cast<std::int32_t>(candidates_.size());
+    candidates_.push_back(candidate);
 }
 
-bool SupportSelection::next_shell(std::int32_t vertex, Reach reach, Shell& shell) {
-    const bool connected = reach == Reach::connected;
-    const VertexKdTree& tree = connected ? filter_.connected_tree_ : filter_.tree_;
-    const std::size_t all = connected ? static_cast<std::size_t>(filter_.component_sizes_[vertex])
-                                      : filter_.positions_.size();
-    const std::size_t enough = std::min(all, connected ? kMaxConnected : kMaxOthers);
-    if (shell.seen >= enough || !std::isfinite(shell.squared_outer)) {
-        return false;
-    }
-    if (shell.squared_outer > 0.0F) {
-        const float squared_inner = shell.squared_outer;
-        shell.squared_outer *= kSquaredRadiusStep;
-        tree.within(vertex, squared_inner, shell.squared_outer, candidates_);
-    } else {
-        tree.nearest(vertex, kFirstCandidates, candidates_);
-        if (candidates_.size() < kFirstCandidates) {
-            shell.squared_outer = std::numeric_limits<float>::infinity();
-        } else if (candidates_.back().squared_distance < filter_.least_squared_radius_) {
-            // More vertices in one place than were asked for.
-            shell.squared_outer = filter_.least_squared_radius_;
-            tree.within(vertex, 0.0F, shell.squared_outer, candidates_);
-        } else {
-            // The last one may tie with others that were not returned: it waits for the next shell.
-            shell.squared_outer = candidates_.back().squared_distance;
-            std::erase_if(candidates_, [&](const Neighbour& candidate) {
-                return candidate.squared_distance >= shell.squared_outer;
-            });
+bool SupportSelection::coplanar(const Vec3f& from_vertex, float squared_distance) const {
+    const float height = dot(normal_, from_vertex);
+    return height * height <= kPlaneSine * kPlaneSine * squared_distance;
+}
+
+void SupportSelection::consider_vertex(std::uint32_t rank, bool connected) {
+    const Vec3f from_vertex = tree_.positions()[rank] - position_;
+    const float squared_distance = dot(from_vertex, from_vertex);
+    // Without a normal, where all faces around have no area, any light nearby will do.
+    if (rank != rank_ && dot(normal_, normal_) > 0.0F) {
+        if (dot(normal_, tree_.normals()[rank]) < kNormalCosine ||
+            (!connected && !coplanar(from_vertex, squared_distance))) {
+            return;
         }
     }
-    shell.seen += candidates_.size();
-    return true;
+    push(squared_distance, {-1, rank, rank + 1, squared_distance, tree_.areas()[rank], -1});
 }
 
-void SupportSelection::take(const Neighbour& candidate, const std::vector<double>& hit_counts,
-                            Growth& growth) {
-    growth.taken.hit_count += hit_counts[candidate.vertex];
-    growth.taken.area += filter_.mesh_.areas[candidate.vertex];
-    growth.taken.size = accepted_.size();
-    growth.taken.radius = std::sqrt(candidate.squared_distance);
+void SupportSelection::consider(const VertexCell& cell) {
+    const Vec3f from_vertex = cell.centre - position_;
+    const float squared_distance = dot(from_vertex, from_vertex);
+    const float alignment = dot(normal_, cell.axis);
+    const bool any = dot(normal_, normal_) == 0.0F;
+    // The vertex itself is always taken.
+    const bool own = rank_ >= cell.begin && rank_ < cell.end;
+    if (!any && !own && alignment < cell.none_cosine) {
+        return;
+    }
+    // Of other surfaces all vertices have to be coplanar.
+    if (cell.component != component_) {
+        const float distance = std::sqrt(squared_distance) + cell.radius;
+        if (++others_ > kMaxOthers ||
+            (!any && std::abs(dot(normal_, from_vertex)) > kPlaneSine * distance + cell.radius)) {
+            return;
+        }
+    }
+    if (cell.component >= 0 && (any || alignment >= cell.all_cosine) &&
+        cell.radius * cell.radius * kFar * kFar <= squared_distance) {
+        if (any || cell.component == component_ || coplanar(from_vertex, squared_distance)) {
+            push(squared_distance, {-1, cell.begin, cell.end, squared_distance, cell.area, -1});
+        }
+        return;
+    }
+    const float nearest = std::max(0.0F, std::sqrt(squared_distance) - cell.radius);
+    push(nearest * nearest,
+         {static_cast<std::int32_t>(&cell - tree_.cells().data()), 0, 0, 0.0F, 0.0, -1});
 }
 
-void SupportSelection::judge(double to_luminance, Growth& growth) const {
-    const double hit_count = growth.taken.hit_count;
-    const double to_illuminance = criteria_.photon_flux / growth.taken.area;
-    const Interval counts = criteria_.intervals(static_cast<std::uint64_t>(hit_count));
-    const Interval here{counts.low * to_illuminance, counts.high * to_illuminance};
+void SupportSelection::open(const VertexCell& cell) {
+    if (cell.first_child < 0) {
+        for (std::uint32_t rank = cell.begin; rank < cell.end; ++rank) {
+            consider_vertex(rank, cell.component == component_);
+        }
+        return;
+    }
+    for (const std::int32_t child : {cell.first_child, cell.first_child + 1}) {
+        if (cell.component >= 0 || tree_.cells()[child].component != component_) {
+            consider(tree_.cells()[child]);
+        }
+    }
+}
+
+void SupportSelection::judge(const Support& taken, double to_luminance, Growth& growth) const {
+    const double to_illuminance = criteria_.photon_flux / taken.area;
+    const Interval counts = criteria_.intervals(static_cast<std::uint64_t>(taken.hit_count));
+    const Interval here{taken.hit_count < kFewPhotons ? 0.0 : counts.low * to_illuminance,
+                        counts.high * to_illuminance};
     const bool first = growth.judged.size == 0;
     growth.plausible.low = first ? here.low : std::max(growth.plausible.low, here.low);
     growth.plausible.high = first ? here.high : std::min(growth.plausible.high, here.high);
@@ -93,18 +109,17 @@ void SupportSelection::judge(double to_luminance, Growth& growth) const {
         growth.stopped = true;
         return;
     }
-    growth.judged = growth.taken;
-    growth.next_area = growth.taken.area * kAreaStep;
-    const bool smooth = hit_count * criteria_.accuracy * criteria_.accuracy >= 1.0; // Eq. 5
+    growth.judged = taken;
+    const bool smooth = taken.hit_count * criteria_.accuracy * criteria_.accuracy >= 1.0; // Eq. 5
     // A black surface looks dark in any light; its illuminance is wanted all the same.
     const bool dark = to_luminance > 0.0 && here.high * to_luminance < criteria_.dark_luminance;
     growth.stopped = smooth || dark;
 }
 
-SupportSelection::Each<SupportSelection::Growth>
-SupportSelection::grow(std::int32_t vertex, std::array<bool, 2> wanted, Reach reach) {
-    const double to_luminance = filter_.reflectance_[vertex] / std::numbers::pi;
-    Each<Growth> growths;
+EachHalf<SupportSelection::Growth> SupportSelection::grow(std::uint32_t rank,
+                                                          std::array<bool, 2> wanted, Reach reach) {
+    const double to_luminance = reflectance_[rank] / std::numbers::pi;
+    EachHalf<Growth> growths;
     std::size_t growing = 0;
     for (const std::size_t path : {0U, 1U}) {
         for (Growth& growth : growths[path]) {
@@ -112,56 +127,90 @@ SupportSelection::grow(std::int32_t vertex, std::array<bool, 2> wanted, Reach re
             growing += wanted[path];
         }
     }
+    const auto cells = tree_.cells();
+    const VertexCell& component_cell = tree_.component_cell(tree_.vertices()[rank]);
+    rank_ = rank;
+    position_ = tree_.positions()[rank];
+    normal_ = tree_.normals()[rank];
+    component_ = component_cell.component;
     accepted_.clear();
-    for (Shell shell; next_shell(vertex, reach, shell);) {
-        const std::size_t accepted_before = accepted_.size();
-        for (const Neighbour& candidate : candidates_) {
-            if (!accepts(vertex, candidate)) {
-                continue;
-            }
-            accepted_.push_back(candidate);
-            for (const std::size_t path : {0U, 1U}) {
-                for (const std::size_t half : {0U, 1U}) {
-                    Growth& growth = growths[path][half];
-                    if (growth.stopped) {
-                        continue;
-                    }
-                    take(candidate, hit_counts_[path][half], growth);
-                    if (growth.taken.area > 0.0 && growth.taken.area >= growth.next_area) {
-                        judge(to_luminance, growth);
-                        growing -= growth.stopped;
-                    }
+    candidates_.clear();
+    shells_.fill(-1);
+    shell_ = 0;
+    others_ = 0;
+    consider(component_cell);
+    if (reach == Reach::all) {
+        consider(cells.front());
+    }
+
+    Support taken; // its counts are those of hits
+    EachHalf<std::uint64_t> hits{};
+    double judged_area = 0.0;
+    const auto judge_all = [&] {
+        taken.size = accepted_.size();
+        for (const std::size_t path : {0U, 1U}) {
+            for (const std::size_t half : {0U, 1U}) {
+                Growth& growth = growths[path][half];
+                if (!growth.stopped) {
+                    taken.hit_count = static_cast<double>(hits[path][half]);
+                    taken.other_hits = static_cast<double>(hits[path][1 - half]);
+                    judge(taken, to_luminance, growth);
+                    growing -= growth.stopped;
                 }
             }
-            if (growing == 0) {
-                return growths;
-            }
         }
-        if (!candidates_.empty() && accepted_.size() == accepted_before) {
-            break; // what lies further off faces another way
+        judged_area = taken.area;
+    };
+    for (; shell_ < kShells && growing > 0; ++shell_) {
+        while (shells_[shell_] >= 0) {
+            const Candidate candidate = candidates_[shells_[shell_]];
+            shells_[shell_] = candidate.next;
+            if (candidate.open >= 0) {
+                open(cells[candidate.open]);
+                continue;
+            }
+            accepted_.push_back({candidate.begin, candidate.end, candidate.squared_distance});
+            for (const std::size_t path : {0U, 1U}) {
+                for (const std::size_t half : {0U, 1U}) {
+                    hits[path][half] += hit_sums_[candidate.end][path][half] -
+                                        hit_sums_[candidate.begin][path][half];
+                }
+            }
+            taken.area += candidate.area;
+            taken.radius = std::max(taken.radius, candidate.squared_distance);
+        }
+        if (taken.area > judged_area * kAreaStep) {
+            judge_all();
+        }
+    }
+    if (taken.area > judged_area) {
+        judge_all();
+    }
+    for (auto& path : growths) {
+        for (Growth& growth : path) {
+            growth.judged.radius = std::sqrt(growth.judged.radius);
         }
     }
     return growths;
 }
 
-SupportSelection::Each<Support> SupportSelection::select(std::int32_t vertex,
-                                                         std::array<bool, 2> wanted) {
-    Each<Growth> growths = grow(vertex, wanted, Reach::connected);
+EachHalf<Support> SupportSelection::select(std::uint32_t rank, std::array<bool, 2> wanted) {
+    EachHalf<Growth> growths = grow(rank, wanted, Reach::connected);
     std::array<bool, 2> few{};
     for (const std::size_t path : {0U, 1U}) {
         few[path] = std::ranges::any_of(growths[path], [](const Growth& growth) {
-            return !growth.stopped && growth.support().hit_count < 0.5 * kFewPhotons;
+            return !growth.stopped && growth.judged.hit_count < kFewPhotons;
         });
     }
     if (few[0] || few[1]) {
-        // Both light paths, so that the accepted vertices are those of all supports.
-        growths = grow(vertex, wanted, Reach::all);
+        // Both light paths, so that the accepted cells are those of all supports.
+        growths = grow(rank, wanted, Reach::all);
     }
-    Each<Support> supports;
+    EachHalf<Support> supports;
     std::size_t largest = 0;
     for (const std::size_t path : {0U, 1U}) {
         for (const std::size_t half : {0U, 1U}) {
-            supports[path][half] = growths[path][half].support();
+            supports[path][half] = growths[path][half].judged;
             largest = std::max(largest, supports[path][half].size);
         }
     }

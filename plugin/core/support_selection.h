@@ -2,20 +2,27 @@
 // same light, taken by rising distance until one of the three stopping criteria is met.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
-#include "core/illumination_filter.h"
+#include "core/poisson_interval.h"
+#include "core/vertex_kdtree.h"
 
 namespace isolux {
 
+// Of direct and indirect light, and of the photons of even and of odd batches.
+template <typename T> using EachHalf = std::array<std::array<T, 2>, 2>;
+
 struct Support {
-    double hit_count = 0.0;
-    double area = 0.0;    // m²
-    float radius = 0.0F;  // m
-    std::size_t size = 0; // accepted vertices, nearest first
+    double hit_count = 0.0;  // of the half that chose the support
+    double other_hits = 0.0; // of the other half
+    double area = 0.0;       // m²
+    float radius = 0.0F;     // m
+    std::size_t size = 0;    // accepted cells, nearest first
 };
 
 // What the stopping criteria need, for one half of the photons.
@@ -26,51 +33,75 @@ struct SupportCriteria {
     IntervalTable intervals;
 };
 
+// Some vertices that a support takes as one.
+struct SupportCell {
+    std::uint32_t begin, end; // ranks
+    float squared_distance;   // m², of their centre
+};
+
 // Supports for direct and indirect light and for both halves of the photons at once: they look at
 // the same vertices and differ in where they stop.
 class SupportSelection {
   public:
-    // Of each light path and half.
-    template <typename T> using Each = std::array<std::array<T, 2>, 2>;
-    using Counts = Each<std::vector<double>>; // hits, a vertex
+    // Hits of all vertices of lower rank, so that those of any cell are a difference.
+    using HitSums = std::vector<EachHalf<std::uint64_t>>;
 
-    SupportSelection(const IlluminationFilter& filter, const Counts& hit_counts,
-                     const SupportCriteria& criteria)
-        : filter_(filter), hit_counts_(hit_counts), criteria_(criteria) {}
+    // reflectance: of luminance, by rank
+    SupportSelection(const VertexKdTree& tree, std::span<const double> reflectance,
+                     const HitSums& hit_sums, const SupportCriteria& criteria)
+        : tree_(tree), reflectance_(reflectance), hit_sums_(hit_sums), criteria_(criteria) {
+        const float radius = tree.cells().front().radius;
+        scale_ = 1.0F / std::max(radius * radius, std::numeric_limits<float>::min());
+    }
 
     // wanted: which light paths; supports of the others stay empty.
-    Each<Support> select(std::int32_t vertex, std::array<bool, 2> wanted);
-    // Vertices of the largest support of the last selection, nearest first; the others are made of
-    // the first of them.
-    std::span<const Neighbour> accepted() const { return accepted_; }
+    EachHalf<Support> select(std::uint32_t rank, std::array<bool, 2> wanted);
+    // Cells of the largest support of the last selection, nearest first; the others are made of the
+    // first of them.
+    std::span<const SupportCell> accepted() const { return accepted_; }
 
   private:
     enum class Reach { connected, all };
-    // One support on its way: as far as taken, and as far as found good.
+    // One support on its way: as far as found good.
     struct Growth {
-        Support taken, judged;
+        Support judged;
         Interval plausible{0.0, 0.0}; // lx
-        double next_area = 0.0;       // m²; to judge at
         bool stopped = false;
-        const Support& support() const { return judged.size > 0 ? judged : taken; }
     };
-    // Candidates are looked at in shells of rising distance.
-    struct Shell {
-        float squared_outer = 0.0F; // m², excluded
-        std::size_t seen = 0;       // vertices in all shells so far
+    // What the search has yet to look at, in lists by distance: a cell to open, or some vertices to
+    // take as they are.
+    struct Candidate {
+        std::int32_t open; // index of the cell; -1: take
+        std::uint32_t begin, end;
+        float squared_distance; // m²
+        double area;            // m²
+        std::int32_t next;      // in the list; -1: none
     };
+    // The squared distance doubles every other shell.
+    static constexpr std::size_t kShells = 256;
 
-    Each<Growth> grow(std::int32_t vertex, std::array<bool, 2> wanted, Reach reach);
-    // Fills candidates_; false where all vertices have been seen, or as many as a support may.
-    bool next_shell(std::int32_t vertex, Reach reach, Shell& shell);
-    bool accepts(std::int32_t vertex, const Neighbour& candidate) const;
-    void take(const Neighbour& candidate, const std::vector<double>& hit_counts, Growth& growth);
-    void judge(double to_luminance, Growth& growth) const;
+    EachHalf<Growth> grow(std::uint32_t rank, std::array<bool, 2> wanted, Reach reach);
+    void open(const VertexCell& cell);
+    void consider(const VertexCell& cell);
+    void consider_vertex(std::uint32_t rank, bool connected);
+    void push(float squared_distance, Candidate candidate);
+    bool coplanar(const Vec3f& from_vertex, float squared_distance) const;
+    void judge(const Support& taken, double to_luminance, Growth& growth) const;
 
-    const IlluminationFilter& filter_;
-    const Counts& hit_counts_;
+    const VertexKdTree& tree_;
+    std::span<const double> reflectance_;
+    const HitSums& hit_sums_;
     const SupportCriteria& criteria_;
-    std::vector<Neighbour> candidates_, accepted_;
+    // Of the vertex whose support is searched:
+    Vec3f position_, normal_;
+    std::uint32_t rank_ = 0;
+    std::int32_t component_ = 0;
+    float scale_;            // 1/m²: squared distances are relative to the scene's
+    std::size_t shell_ = 0;  // being looked at
+    std::size_t others_ = 0; // cells of other components seen so far
+    std::array<std::int32_t, kShells> shells_;
+    std::vector<Candidate> candidates_;
+    std::vector<SupportCell> accepted_;
 };
 
 } // namespace isolux

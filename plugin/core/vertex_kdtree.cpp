@@ -3,95 +3,245 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <tuple>
-
-#include <nanoflann.hpp>
+#include <limits>
+#include <numbers>
+#include <numeric>
+#include <ranges>
 
 namespace isolux {
 namespace {
 
-// Groups lie apart in a fourth dimension, further than any two positions of one group, so that one
-// tree serves all groups and a search never leaves its own.
-struct Points {
-    float spacing; // m, a power of two: multiples are exact
-    std::vector<std::array<float, 4>> points;
+constexpr std::uint32_t kLeafVertices = 4;
+// Cells whose normals spread less than this decide by their axis alone.
+constexpr double kTightAngle = 5.0; // °
 
-    Points(std::span<const Vec3f> positions, std::span<const std::int32_t> groups)
-        : points(positions.size()) {
-        float largest = 0x1p-60F;
-        for (const auto& p : positions) {
-            largest = std::max({largest, std::abs(p.x), std::abs(p.y), std::abs(p.z)});
-        }
-        // The diagonal of the cube [-largest, largest]^3 is 3.5 times as long.
-        spacing = std::exp2(std::ceil(std::log2(largest)) + 2.0F);
-        for (std::size_t i = 0; i < points.size(); ++i) {
-            const Vec3f& p = positions[i];
-            points[i] = {p.x, p.y, p.z,
-                         groups.empty() ? 0.0F : static_cast<float>(groups[i]) * spacing};
-        }
+double cosine(double degrees) { return std::cos(degrees * std::numbers::pi / 180.0); }
+
+struct Extent {
+    std::array<float, 6> low, high; // of position, normal
+
+    Extent() {
+        low.fill(std::numeric_limits<float>::max());
+        high.fill(std::numeric_limits<float>::lowest());
     }
-    std::size_t kdtree_get_point_count() const { return points.size(); }
-    float kdtree_get_pt(std::size_t i, std::size_t axis) const { return points[i][axis]; }
-    template <typename Box> bool kdtree_get_bbox(Box&) const { return false; }
+    void add(std::size_t axis, float value) {
+        low[axis] = std::min(low[axis], value);
+        high[axis] = std::max(high[axis], value);
+    }
+    float size(std::size_t axis) const { return high[axis] - low[axis]; }
 };
 
-using Index = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, Points>,
-                                                  Points, 4, std::uint32_t>;
+// Sorts vertices into cells, larger cells first.
+class CellBuilder {
+  public:
+    explicit CellBuilder(const IlluminationMesh& mesh)
+        : mesh_(mesh), positions(mesh.positions.size()), component_cells(mesh.positions.size()) {
+        Vec3d sum;
+        for (const auto& p : mesh.positions) {
+            sum += p;
+        }
+        const Vec3d centre =
+            sum * (1.0 / static_cast<double>(std::max<std::size_t>(1, positions.size())));
+        std::ranges::transform(mesh.positions, positions.begin(),
+                               [&](const Vec3d& p) { return (p - centre).as<float>(); });
+    }
+
+    void build() {
+        if (positions.empty()) {
+            return;
+        }
+        std::vector<std::int32_t> by_component(positions.size());
+        std::iota(by_component.begin(), by_component.end(), 0);
+        std::ranges::stable_sort(by_component, {},
+                                 [&](std::int32_t v) { return mesh_.components[v]; });
+        std::vector<Component> components;
+        for (std::size_t i = 0; i < by_component.size();) {
+            Component component{{}, {}};
+            const std::size_t begin = i;
+            Extent extent;
+            for (; i < by_component.size() &&
+                   mesh_.components[by_component[i]] == mesh_.components[by_component[begin]];
+                 ++i) {
+                const Vec3f& p = positions[by_component[i]];
+                extent.add(0, p.x);
+                extent.add(1, p.y);
+                extent.add(2, p.z);
+            }
+            component.vertices = std::span(by_component).subspan(begin, i - begin);
+            component.middle = {0.5F * (extent.low[0] + extent.high[0]),
+                                0.5F * (extent.low[1] + extent.high[1]),
+                                0.5F * (extent.low[2] + extent.high[2])};
+            components.push_back(component);
+        }
+        vertices.reserve(positions.size());
+        cells.reserve(positions.size());
+        cells.emplace_back();
+        split_components(0, components);
+    }
+
+    std::vector<VertexCell> cells;
+    std::vector<std::int32_t> component_cells, vertices;
+    std::vector<Vec3f> positions; // of each vertex, recentred
+
+  private:
+    struct Component {
+        std::span<const std::int32_t> vertices;
+        Vec3f middle;
+    };
+
+    static float coordinate(const Vec3f& v, std::size_t axis) {
+        return axis == 0 ? v.x : axis == 1 ? v.y : v.z;
+    }
+    float coordinate(std::int32_t vertex, std::size_t axis) const {
+        return axis < 3 ? coordinate(positions[vertex], axis)
+                        : coordinate(mesh_.normals[vertex], axis - 3);
+    }
+
+    std::int32_t add_children(std::size_t cell) {
+        const auto first = static_cast<std::int32_t>(cells.size());
+        cells[cell].first_child = first;
+        cells.resize(cells.size() + 2);
+        return first;
+    }
+
+    void split_components(std::size_t cell, std::span<Component> components) {
+        const auto begin = static_cast<std::uint32_t>(vertices.size());
+        if (components.size() == 1) {
+            const auto members = components.front().vertices;
+            vertices.insert(vertices.end(), members.begin(), members.end());
+            cells[cell].component = mesh_.components[members.front()];
+            for (const std::int32_t v : members) {
+                component_cells[v] = static_cast<std::int32_t>(cell);
+            }
+            split_vertices(cell, begin, static_cast<std::uint32_t>(vertices.size()));
+            return;
+        }
+        Extent extent;
+        for (const Component& component : components) {
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                extent.add(axis, coordinate(component.middle, axis));
+            }
+        }
+        std::size_t axis = 0;
+        for (const std::size_t other : {1U, 2U}) {
+            axis = extent.size(other) > extent.size(axis) ? other : axis;
+        }
+        const std::size_t half = components.size() / 2;
+        std::ranges::nth_element(components, components.begin() + static_cast<std::ptrdiff_t>(half),
+                                 [&](const Component& a, const Component& b) {
+                                     const float x = coordinate(a.middle, axis),
+                                                 y = coordinate(b.middle, axis);
+                                     return x != y ? x < y : a.vertices[0] < b.vertices[0];
+                                 });
+        const auto first = static_cast<std::size_t>(add_children(cell));
+        split_components(first, components.first(half));
+        split_components(first + 1, components.subspan(half));
+        measure(cell, begin, static_cast<std::uint32_t>(vertices.size()));
+    }
+
+    void split_vertices(std::size_t cell, std::uint32_t begin, std::uint32_t end) {
+        const Extent extent = measure(cell, begin, end);
+        if (end - begin <= kLeafVertices) {
+            return;
+        }
+        // Sheets that face two ways in one place are parted by their normals.
+        const float normal_scale = cells[cell].radius;
+        std::size_t axis = 0;
+        float largest = extent.size(0);
+        for (std::size_t other = 1; other < 6; ++other) {
+            const float size = extent.size(other) * (other < 3 ? 1.0F : normal_scale);
+            if (size > largest) {
+                largest = size;
+                axis = other;
+            }
+        }
+        const std::uint32_t middle = begin + (end - begin) / 2;
+        std::nth_element(vertices.begin() + begin, vertices.begin() + middle,
+                         vertices.begin() + end, [&](std::int32_t a, std::int32_t b) {
+                             const float x = coordinate(a, axis), y = coordinate(b, axis);
+                             return x != y ? x < y : a < b;
+                         });
+        const std::int32_t component = cells[cell].component;
+        const auto first = static_cast<std::size_t>(add_children(cell));
+        cells[first].component = cells[first + 1].component = component;
+        split_vertices(first, begin, middle);
+        split_vertices(first + 1, middle, end);
+    }
+
+    Extent measure(std::size_t at, std::uint32_t begin, std::uint32_t end) {
+        VertexCell& cell = cells[at];
+        cell.begin = begin;
+        cell.end = end;
+        const auto members = std::span(vertices).subspan(begin, end - begin);
+        Extent extent;
+        Vec3d position_sum, normal_sum;
+        for (const std::int32_t v : members) {
+            for (std::size_t axis = 0; axis < 6; ++axis) {
+                extent.add(axis, coordinate(v, axis));
+            }
+            position_sum += positions[v].as<double>();
+            normal_sum += mesh_.normals[v].as<double>();
+            cell.area += mesh_.areas[v];
+        }
+        cell.centre = (position_sum * (1.0 / static_cast<double>(members.size()))).as<float>();
+        cell.axis = normalize(normal_sum).as<float>();
+        float squared_radius = 0.0F, spread_cosine = 1.0F;
+        for (const std::int32_t v : members) {
+            const Vec3f from_centre = positions[v] - cell.centre;
+            squared_radius = std::max(squared_radius, dot(from_centre, from_centre));
+            // Vertices without a normal have no area: they go along unnoticed.
+            if (mesh_.normals[v] != Vec3f{}) {
+                spread_cosine = std::min(spread_cosine, dot(cell.axis, mesh_.normals[v]));
+            }
+        }
+        cell.radius = std::sqrt(squared_radius);
+        const double spread =
+            std::acos(std::clamp<double>(spread_cosine, -1.0, 1.0)) * 180.0 / std::numbers::pi;
+        if (spread <= kTightAngle) {
+            cell.all_cosine = cell.none_cosine = static_cast<float>(cosine(kNormalAngle));
+        } else {
+            cell.all_cosine =
+                spread < kNormalAngle ? static_cast<float>(cosine(kNormalAngle - spread)) : 2.0F;
+            cell.none_cosine = spread + kNormalAngle < 180.0
+                                   ? static_cast<float>(cosine(kNormalAngle + spread))
+                                   : -2.0F;
+        }
+        return extent;
+    }
+
+    const IlluminationMesh& mesh_;
+};
 
 } // namespace
 
-struct VertexKdTree::Tree {
-    Points points;
-    Index index;
-    Tree(std::span<const Vec3f> positions, std::span<const std::int32_t> groups)
-        : points(positions, groups),
-          index(4, points, nanoflann::KDTreeSingleIndexAdaptorParams(16)) {}
-};
-
-VertexKdTree::VertexKdTree(std::span<const Vec3f> positions, std::span<const std::int32_t> groups)
-    : tree_(std::make_unique<Tree>(positions, groups)) {}
-
-VertexKdTree::~VertexKdTree() = default;
-
-void VertexKdTree::nearest(std::int32_t vertex, std::size_t count,
-                           std::vector<Neighbour>& out) const {
-    thread_local std::vector<std::uint32_t> vertices;
-    thread_local std::vector<float> squared_distances;
-    vertices.resize(count);
-    squared_distances.resize(count);
-    const auto& points = tree_->points;
-    const auto& query = points.points[static_cast<std::size_t>(vertex)];
-    const std::size_t found =
-        tree_->index.knnSearch(query.data(), count, vertices.data(), squared_distances.data());
-    out.clear();
-    for (std::size_t i = 0; i < found; ++i) {
-        if (squared_distances[i] < points.spacing * points.spacing) {
-            out.push_back({static_cast<std::int32_t>(vertices[i]), squared_distances[i]});
+VertexKdTree::VertexKdTree(const IlluminationMesh& mesh) {
+    CellBuilder builder(mesh);
+    builder.build();
+    cells_ = std::move(builder.cells);
+    component_cells_ = std::move(builder.component_cells);
+    vertices_ = std::move(builder.vertices);
+    ranks_.resize(vertices_.size());
+    positions_.reserve(vertices_.size());
+    for (std::size_t rank = 0; rank < vertices_.size(); ++rank) {
+        const std::int32_t v = vertices_[rank];
+        ranks_[v] = static_cast<std::uint32_t>(rank);
+        positions_.push_back(builder.positions[v]);
+        normals_.push_back(mesh.normals[v]);
+        areas_.push_back(mesh.areas[v]);
+    }
+    for (VertexCell& cell : cells_) {
+        if (cell.component < 0) {
+            continue;
+        }
+        float least = std::numeric_limits<float>::max();
+        for (std::uint32_t rank = cell.begin; rank < cell.end; ++rank) {
+            const Vec3f from_centre = positions_[rank] - cell.centre;
+            if (dot(from_centre, from_centre) < least) {
+                least = dot(from_centre, from_centre);
+                cell.middle = rank;
+            }
         }
     }
 }
-
-void VertexKdTree::within(std::int32_t vertex, float squared_inner, float squared_outer,
-                          std::vector<Neighbour>& out) const {
-    thread_local std::vector<std::pair<std::uint32_t, float>> found;
-    found.clear();
-    const auto& points = tree_->points;
-    const auto& query = points.points[static_cast<std::size_t>(vertex)];
-    nanoflann::SearchParams unsorted;
-    unsorted.sorted = false;
-    tree_->index.radiusSearch(
-        query.data(), std::min(squared_outer, points.spacing * points.spacing), found, unsorted);
-    out.clear();
-    for (const auto& [other, squared_distance] : found) {
-        if (squared_distance >= squared_inner) {
-            out.push_back({static_cast<std::int32_t>(other), squared_distance});
-        }
-    }
-    std::ranges::sort(out, [](const Neighbour& a, const Neighbour& b) {
-        return std::tie(a.squared_distance, a.vertex) < std::tie(b.squared_distance, b.vertex);
-    });
-}
-
-std::span<const std::uint32_t> VertexKdTree::spatial_order() const { return tree_->index.vAcc; }
 
 } // namespace isolux

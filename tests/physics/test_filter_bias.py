@@ -20,7 +20,7 @@ from core_scenes import (
     trace,
 )
 
-SEEDS = 12
+SEEDS = 20
 SPHERE = trace([surface(icosphere(3).flipped(), 0.5)], [luminaire()], 16)
 
 

@@ -65,6 +65,40 @@ struct BucketSums {
     }
 };
 
+// Luminance to which an observer adapts, cd/m², of cells that hold enough photons to tell: where
+// most buckets are empty yet, the others are far brighter than their surfaces.
+double adaptation(const VertexKdTree& tree, std::span<const double> reflectance,
+                  const BucketSums& sums, double photon_flux) {
+    constexpr std::uint64_t kEnough = 16;
+    const auto hit_count = [&](std::uint32_t begin, std::uint32_t end) {
+        std::uint64_t out = 0;
+        for (const std::size_t path : {0U, 1U}) {
+            for (const std::size_t half : {0U, 1U}) {
+                out += sums.hits[end][path][half] - sums.hits[begin][path][half];
+            }
+        }
+        return out;
+    };
+    std::vector<double> seen, areas; // cd/m², m²
+    const auto cells = tree.cells();
+    for (std::vector<std::int32_t> open(!cells.empty(), 0); !open.empty();) {
+        const VertexCell& cell = cells[open.back()];
+        open.pop_back();
+        if (cell.first_child >= 0 && hit_count(cell.begin, cell.end) >= kEnough) {
+            open.push_back(cell.first_child);
+            open.push_back(cell.first_child + 1);
+        } else if (cell.area > 0.0) {
+            double reflected = 0.0; // photons
+            for (std::uint32_t rank = cell.begin; rank < cell.end; ++rank) {
+                reflected += static_cast<double>(hit_count(rank, rank + 1)) * reflectance[rank];
+            }
+            seen.push_back(reflected * photon_flux / (cell.area * std::numbers::pi));
+            areas.push_back(cell.area);
+        }
+    }
+    return adaptation_luminance(seen, areas);
+}
+
 // One vertex's filtered light of one light path.
 struct VertexEstimate {
     FilteredIllumination::Halves halves{};
@@ -238,22 +272,10 @@ std::array<FilteredIllumination, 2> IlluminationFilter::filter(const PhotonBucke
                                                                int threads) const {
     const std::size_t n = reflectance_.size();
     const BucketSums sums(buckets, tree_.vertices());
-    std::vector<double> seen(n); // cd/m²
-    for (std::size_t rank = 0; rank < n; ++rank) {
-        if (tree_.areas()[rank] > 0.0) {
-            std::uint64_t hits = 0;
-            for (const std::size_t path : {0U, 1U}) {
-                for (const std::size_t half : {0U, 1U}) {
-                    hits += sums.hits[rank + 1][path][half] - sums.hits[rank][path][half];
-                }
-            }
-            seen[rank] = static_cast<double>(hits) * photon_flux / tree_.areas()[rank] *
-                         reflectance_[rank] / std::numbers::pi;
-        }
-    }
-    const SupportCriteria criteria{settings.accuracy * std::numbers::sqrt2, 2.0 * photon_flux,
-                                   dark_luminance(adaptation_luminance(seen, tree_.areas())),
-                                   IntervalTable(settings.rule)};
+    const SupportCriteria criteria{
+        settings.accuracy * std::numbers::sqrt2, 2.0 * photon_flux,
+        dark_luminance(adaptation(tree_, reflectance_, sums, photon_flux)),
+        IntervalTable(settings.rule)};
 
     std::array<FilteredIllumination, 2> out;
     for (auto& filtered : out) {

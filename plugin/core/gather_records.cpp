@@ -35,55 +35,156 @@ std::array<float, 2> disk_point(const SobolPoint& p) {
     return first ? std::array{along, across} : std::array{across, along};
 }
 
-// Each vertex stands for the third of an element that lies nearest to it in barycentric terms.
-std::int32_t bucket_of(const IlluminationMesh& mesh, const Hit& hit, const Vec3f& direction) {
+// Square distance, in areas of the bucket, nearer than which its mean is not taken for the point.
+// Office, a record of 64 rays at each vertex: without near hits 20 % RMS error against paths, with
+// 1/4 to 4 all 12 %.
+constexpr float kNear = 1.0F;
+// Luminaires weighed for the one shadow ray of a near hit.
+constexpr std::size_t kCandidates = 16;
+
+// What a ray hits, on which side.
+struct SurfacePoint {
+    std::int32_t vertex = -1; // whose bucket; -1: black
+    Vec3f position, normal;   // local; on the side that was hit
+    const Surface* surface = nullptr;
+};
+
+SurfacePoint hit_point(const IlluminationMesh& mesh, const Ray& ray, const Hit& hit) {
+    if (hit.triangle == kNoHit) {
+        return {};
+    }
     const MeshElement& element = mesh.elements[static_cast<std::size_t>(hit.triangle)];
+    const Surface& surface = mesh.surfaces[static_cast<std::size_t>(element.surface)];
+    // Each vertex stands for the third of an element that lies nearest to it in barycentric terms.
     const float w = 1.0F - hit.u - hit.v;
     const std::size_t nearest = w >= hit.u && w >= hit.v ? 0U : (hit.u >= hit.v ? 1U : 2U);
-    const std::int32_t vertex = element.vertices[nearest];
-    if (dot(direction, hit.normal) <= 0.0F) {
-        return vertex;
+    SurfacePoint out{element.vertices[nearest], ray.origin + ray.direction * hit.distance,
+                     hit.normal, &surface};
+    if (dot(ray.direction, hit.normal) > 0.0F) {
+        if (surface.back_offset < 0) {
+            return {};
+        }
+        out.vertex += surface.back_offset;
+        out.normal = -out.normal;
     }
-    const Surface& surface = mesh.surfaces[static_cast<std::size_t>(element.surface)];
-    return surface.back_offset < 0 ? -1 : vertex + surface.back_offset;
+    return out;
 }
 
 } // namespace
 
-void trace_rays(const Scene& scene, const Receiver& receiver, std::uint64_t seed,
-                std::uint32_t rays, GatherRecord& record) {
-    const RayCaster& caster = scene.ray_caster();
+RecordTracer::RecordTracer(const Scene& scene, std::uint64_t seed) : scene_(scene), seed_(seed) {
+    for (const Luminaire& luminaire : scene.luminaires()) {
+        luminaires_.emplace_back(luminaire);
+    }
+}
+
+void RecordTracer::trace(const Receiver& receiver, std::uint32_t rays, GatherRecord& record) const {
+    const RayCaster& caster = scene_.ray_caster();
+    const IlluminationMesh& mesh = scene_.mesh();
     const Vec3f local = (receiver.position - caster.origin()).as<float>();
     const Vec3f from = local + receiver.normal * caster.offset(local, 0.0F);
     const auto [s, t] = tangents(receiver.normal);
-    const std::uint64_t scramble = mix64(mix64(seed) + static_cast<std::uint64_t>(record.vertex));
-    std::uint32_t index = record.rays();
+    const std::uint64_t key = mix64(seed_) + static_cast<std::uint64_t>(record.vertex);
+    const std::uint64_t scramble = mix64(key);
     record.hits.reserve(rays);
-    for (; index < rays; ++index) {
+    for (std::uint32_t index = record.rays(); index < rays; ++index) {
         const auto [a, b] = disk_point(sobol_point(index, scramble));
         const Vec3f direction =
             s * a + t * b + receiver.normal * std::sqrt(std::max(0.0F, 1.0F - a * a - b * b));
-        const Hit hit = caster.closest_hit({from, direction});
-        if (hit.triangle == kNoHit) {
-            record.hits.push_back(-1);
-            continue;
+        const Ray ray{from, direction};
+        const Hit hit = caster.closest_hit(ray);
+        if (hit.triangle != kNoHit) {
+            record.inverse_distances += 1.0 / static_cast<double>(std::max(hit.distance, 1e-30F));
         }
-        record.hits.push_back(bucket_of(scene.mesh(), hit, direction));
-        record.inverse_distances += 1.0 / static_cast<double>(std::max(hit.distance, 1e-30F));
+        SurfacePoint point = hit_point(mesh, ray, hit);
+        if (point.vertex >= 0 &&
+            hit.distance * hit.distance < kNear * static_cast<float>(mesh.areas[point.vertex])) {
+            PhotonRandom random(key, index);
+            const Vec3f normal = normalize(point.normal);
+            const Vec3f lifted =
+                point.position + normal * caster.offset(point.position, hit.distance);
+            record.near_hits.push_back(near_hit({lifted.as<double>() + caster.origin(), normal},
+                                                point.surface->reflectance, random));
+            point.vertex = -1 - static_cast<std::int32_t>(record.near_hits.size());
+        }
+        record.hits.push_back(point.vertex);
     }
+}
+
+NearHit RecordTracer::near_hit(const Receiver& at, const Vec3f& reflectance,
+                               PhotonRandom& random) const {
+    const RayCaster& caster = scene_.ray_caster();
+    const Ray ray{(at.position - caster.origin()).as<float>(), cosine_direction(at.normal, random)};
+    return {direct_illuminance(at, random) * reflectance, reflectance,
+            hit_point(scene_.mesh(), ray, caster.closest_hit(ray)).vertex};
+}
+
+// One shadow ray, to a luminaire chosen by the light that it would give were nothing in the way
+// [resampled importance sampling, Talbot et al. 2005].
+Vec3f RecordTracer::direct_illuminance(const Receiver& at, PhotonRandom& random) const {
+    const std::size_t all = luminaires_.size();
+    const bool some = all > kCandidates;
+    const std::size_t count = some ? kCandidates : all;
+    std::array<std::size_t, kCandidates> candidates{};
+    std::array<double, kCandidates> weights{}; // lx
+    double sum = 0.0;
+    for (std::size_t k = 0; k < count; ++k) {
+        double share = 1.0;
+        candidates[k] = k;
+        if (some) { // by luminous flux
+            const Luminaire& chosen = scene_.choose_luminaire(random.next_double());
+            candidates[k] = static_cast<std::size_t>(&chosen - scene_.luminaires().data());
+            share = scene_.luminous_flux() / (chosen.luminous_flux * kCandidates);
+        }
+        weights[k] = luminaires_[candidates[k]].unoccluded(at) * share;
+        sum += weights[k];
+    }
+    double u = random.next_double() * sum;
+    const double v = random.next_double(), w = random.next_double();
+    if (sum <= 0.0) {
+        return {};
+    }
+    std::size_t k = 0;
+    while (k + 1 < count && u >= weights[k]) {
+        u -= weights[k++];
+    }
+    const LuminaireIlluminance& luminaire = luminaires_[candidates[k]];
+    const ShadowSample sample = luminaire.shadow_sample(at, v, w);
+    const Vec3f from = (at.position - scene_.ray_caster().origin()).as<float>();
+    const Vec3f to = (sample.point - scene_.ray_caster().origin()).as<float>() - from;
+    const std::array ray{Ray{from, to * (1.0F - 0x1p-12F)}};
+    std::array<bool, 1> hidden{};
+    scene_.ray_caster().occluded(ray, hidden);
+    if (sample.weight <= 0.0 || hidden[0]) {
+        return {};
+    }
+    return luminaire.luminaire().colour * static_cast<float>(sum);
 }
 
 void look_up(std::span<const Exitance> exitances, GatherRecord& record) {
     const std::size_t n = record.hits.size();
     std::array<Vec3d, 4> quarters{};
     double square = 0.0;
-    for (std::size_t i = 0; i < n; ++i) {
-        const std::int32_t hit = record.hits[i];
+    const auto seen = [&](std::int32_t hit) {
         if (hit < 0) {
-            continue;
+            return Vec3f{};
         }
         const Exitance& e = exitances[static_cast<std::size_t>(hit)];
-        const Vec3d colour = Vec3f{e.x, e.y, e.z}.as<double>();
+        return Vec3f{e.x, e.y, e.z};
+    };
+    for (std::size_t i = 0; i < n; ++i) {
+        const std::int32_t hit = record.hits[i];
+        if (hit == -1) {
+            continue;
+        }
+        Vec3f light;
+        if (hit >= 0) {
+            light = seen(hit);
+        } else {
+            const NearHit& near = record.near_hits[static_cast<std::size_t>(-2 - hit)];
+            light = near.direct + near.reflectance * seen(near.hit);
+        }
+        const auto colour = light.as<double>();
         quarters[4 * i / n] += colour;
         const double one = luminance(colour);
         square += one * one;

@@ -27,7 +27,7 @@ template <typename F> void for_each(int threads, std::size_t count, const F& f) 
 } // namespace
 
 SparseGather::SparseGather(const Scene& scene, std::uint64_t seed)
-    : scene_(scene), seed_(seed), receivers_(vertex_receivers(scene.mesh())),
+    : scene_(scene), tracer_(scene, seed), receivers_(vertex_receivers(scene.mesh())),
       clusters_(receivers_, scene.mesh().areas, scene.ray_caster().origin()), extent_(0.0F),
       record_of_(receivers_.size(), -1) {
     for (const Receiver& r : receivers_) {
@@ -81,13 +81,16 @@ void SparseGather::trace(std::span<const std::int32_t> records, std::uint32_t fa
         return std::max(kRaysOfRecord, factor * record.rays());
     };
     for (const std::int32_t r : records) {
-        rays_ += rays(records_[r]) - records_[r].rays();
+        rays_ -= records_[r].all_rays();
     }
     for_each(threads, records.size(), [&](std::size_t i) {
         GatherRecord& record = records_[records[i]];
-        trace_rays(scene_, receivers_[record.vertex], seed_, rays(record), record);
+        tracer_.trace(receivers_[record.vertex], rays(record), record);
         look_up(exitances, record);
     });
+    for (const std::int32_t r : records) {
+        rays_ += records_[r].all_rays();
+    }
 }
 
 // The variance of n points of a sequence falls as n^-slope. The squared difference of its halves

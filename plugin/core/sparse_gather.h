@@ -20,7 +20,7 @@ struct GatheredIllumination {
     std::vector<float> standard_error; // lx, photometric: noise and interpolation
     double indirect_rms = 0.0;         // lx, error over all vertices by area
     std::size_t records = 0;
-    std::uint64_t rays = 0; // of this call, without those between records
+    std::uint64_t rays = 0; // of this call
 };
 
 // Indirect light that photons left in the vertices' buckets.
@@ -72,7 +72,7 @@ class SparseGather {
     double join(const BucketIllumination& buckets, GatheredIllumination& gathered) const;
 
     const Scene& scene_;
-    std::uint64_t seed_;
+    RecordTracer tracer_;
     std::vector<Receiver> receivers_;
     VertexClusters clusters_;
     float extent_; // m

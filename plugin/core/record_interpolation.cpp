@@ -271,7 +271,9 @@ void RecordInterpolation::fit(std::span<const Vec3f> illuminance, std::span<cons
         square += static_cast<double>(areas[i]) * left_out[i][0];
         expected += static_cast<double>(areas[i]) * left_out[i][1];
     }
-    calibration_ = expected > 0.0 ? std::max(square / expected, 0.1) : 1.0;
+    // Records lie where light changes least from cluster to cluster; vertices at edges are worse
+    // off than a record that is left out.
+    calibration_ = expected > 0.0 ? std::max(square / expected, 1.0) : 1.0;
 }
 
 RecordInterpolation::Prediction RecordInterpolation::predict(std::int32_t vertex,

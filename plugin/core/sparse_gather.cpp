@@ -309,7 +309,7 @@ void SparseGather::fit(RecordInterpolation& interpolation, int threads) const {
 // the true error of the predictions; returns its mean square, lx².
 double SparseGather::join(const BucketIllumination& buckets, GatheredIllumination& gathered) const {
     const std::vector<double>& areas = scene_.mesh().areas;
-    double area = 0.0, expected = 0.0, square = 0.0;
+    double area = 0.0, expected = 0.0, square = 0.0, spread = 0.0;
     for (std::size_t v = 0; v < areas.size(); ++v) {
         if (receivers_[v].normal == Vec3f{} || areas[v] == 0.0) {
             continue;
@@ -320,14 +320,19 @@ double SparseGather::join(const BucketIllumination& buckets, GatheredIlluminatio
         if (!buckets.indirect.empty()) {
             const double in_bucket = luminance(buckets.indirect[v].as<double>());
             const double off = luminance(gathered.indirect[v].as<double>()) - in_bucket;
-            square += areas[v] * (off * off - in_bucket * buckets.photon_flux / areas[v]);
+            const double term = areas[v] * off * off - in_bucket * buckets.photon_flux;
+            square += term;
+            spread += term * term;
         }
     }
     if (area == 0.0 || buckets.indirect.empty()) {
         return area > 0.0 ? expected / area : 0.0;
     }
-    // At least a quarter of the error that the records expect: the photons' word is noisy, too.
-    const double calibration = expected > 0.0 ? std::max(0.0625, square / expected) : 1.0;
+    // The records' own word counts as much as photons that tell the error to as much as it is.
+    const double trust =
+        expected > 0.0 ? expected * expected / (expected * expected + spread) : 0.0;
+    const double calibration =
+        expected > 0.0 ? std::max(0.25, 1.0 + trust * (square / expected - 1.0)) : 1.0;
     double joined = 0.0;
     for (const Cell& cell : cells_) {
         const VertexCluster& cluster = clusters_.clusters()[cell.cluster];

@@ -22,7 +22,7 @@ def direct_light(scene, radiosity):
     return lighting.illuminate(*radiosity.receivers(), NO_LIGHT, 2)["illuminance"]
 
 
-def solved(scene, seed=1, accuracy=0.02, threads=2):
+def solved(scene, seed=1, accuracy=0.05, threads=2):
     radiosity = _core.ProgressiveRadiosity(scene, seed, accuracy)
     radiosity.begin(direct_light(scene, radiosity))
     radiosity.advance(10**9, threads)
@@ -46,7 +46,7 @@ def test_leaves_cover_each_side_that_reflects_with_some_thousand_points():
 
 def test_shooting_is_progressive_and_ends():
     scene = table_in_a_room()
-    radiosity = _core.ProgressiveRadiosity(scene, 1, 0.02)
+    radiosity = _core.ProgressiveRadiosity(scene, 1, 0.05)
     radiosity.begin(direct_light(scene, radiosity))
     unshot, means, finished = [1.0], [], False
     while not finished:
@@ -56,7 +56,7 @@ def test_shooting_is_progressive_and_ends():
         means.append(at_vertices(scene, radiosity)["illuminance"].mean())
     assert len(means) > 3
     assert np.all(np.diff(unshot) < 0)
-    assert unshot[-1] < 0.01
+    assert unshot[-1] < 0.02
     # Light is added, never taken away.
     assert np.all(np.diff(means) > -1e-3 * means[-1])
 
@@ -82,7 +82,7 @@ def test_a_point_has_the_same_light_whoever_else_is_asked_for():
 
 def test_black_surfaces_give_no_indirect_light():
     scene = build([surface(ROOM, 0.0)], [luminaire()])
-    radiosity = _core.ProgressiveRadiosity(scene, 1, 0.02)
+    radiosity = _core.ProgressiveRadiosity(scene, 1, 0.05)
     radiosity.begin(direct_light(scene, radiosity))
     progress = radiosity.advance(10**9, 2)
     assert progress["finished"]
@@ -104,7 +104,7 @@ def test_beginning_again_forgets():
 
 def test_arrays_of_the_wrong_length_are_refused():
     scene = table_in_a_room()
-    radiosity = _core.ProgressiveRadiosity(scene, 1, 0.02)
+    radiosity = _core.ProgressiveRadiosity(scene, 1, 0.05)
     with pytest.raises(ValueError, match="one row a receiver"):
         radiosity.begin(np.zeros((3, 3), np.float32))
     with pytest.raises(ValueError, match="differ in length"):

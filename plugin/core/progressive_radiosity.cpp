@@ -89,7 +89,7 @@ void ProgressiveRadiosity::begin(std::span<const Vec3f> direct) {
 
 ShootingProgress ProgressiveRadiosity::advance(std::uint64_t ray_budget, int threads) {
     const std::uint64_t end = progress_.rays + ray_budget;
-    if (lost_.empty()) {
+    if (lost_.empty() && !progress_.finished) {
         find_losses(threads);
     }
     while (!progress_.finished) {
@@ -108,17 +108,22 @@ ShootingProgress ProgressiveRadiosity::advance(std::uint64_t ray_budget, int thr
                 rays += own;
             });
         });
-        double received = 0.0, lost = 0.0;
+        Vec3d shot, received, lost; // lm by channel
         for (std::size_t i = 0; i < hierarchy_.leaves.size(); ++i) {
             const std::int32_t leaf = hierarchy_.leaves[i];
-            const double area = hierarchy_.nodes[leaf].area;
-            received += area * luminance(received_[leaf]);
-            lost += area * luminance(unshot_[leaf].mean) * lost_[i];
+            const Vec3d leaving = unshot_[leaf].mean * hierarchy_.nodes[leaf].area;
+            shot += leaving;
+            lost += leaving * lost_[i];
+            received += received_[leaf] * hierarchy_.nodes[leaf].area;
         }
         // Departure: what is received is made to fit what is shot and not lost, so that errors of
         // a tenth of a percent don't grow to percents where light is reflected twenty times
         // (tests/physics/test_radiosity.py, reflectance 0.95).
-        const double balance = received > 0.0 ? (before - lost) / received : 1.0;
+        const auto fit = [](double wanted, double found) {
+            return found > 0.0 ? wanted / found : 1.0;
+        };
+        const Vec3d balance{fit(shot.x - lost.x, received.x), fit(shot.y - lost.y, received.y),
+                            fit(shot.z - lost.z, received.z)};
         for (const std::int32_t leaf : hierarchy_.leaves) {
             const RadiosityNode& node = hierarchy_.nodes[leaf];
             const Surface& surface = scene_.mesh().surfaces[static_cast<std::size_t>(node.surface)];
@@ -129,8 +134,8 @@ ShootingProgress ProgressiveRadiosity::advance(std::uint64_t ray_budget, int thr
         const double after = flux(unshot_);
         decay_ = std::min(after / before, 1.0 - 1e-6);
         progress_.shot_flux += before;
-        progress_.lost_flux += lost;
-        progress_.received_flux += received;
+        progress_.lost_flux += luminance(lost);
+        progress_.received_flux += luminance(received);
         progress_.rays += rays;
         // What later reflections make of it counts, too.
         const double rest = after / (1.0 - decay_);

@@ -14,6 +14,8 @@ namespace {
 constexpr int kExtraSplits = 2;
 // How far from the middle to the corners a leaf is looked at.
 constexpr double kNearCorner = 0.9;
+// Of a leaf's radius: what faces it nearer than this shuts it off.
+constexpr double kNarrowGap = 1.0 / 16.0;
 // Where a point looks: tangential parts of unit vectors, all around and to the zenith.
 constexpr std::array<std::array<float, 2>, 7> kAround{{{0.0F, 0.0F},
                                                        {0.8F, 0.0F},
@@ -151,9 +153,13 @@ class Builder {
     void subdivide(std::int32_t at, int extra = 0) {
         const RadiosityNode node = out_.nodes[at];
         const bool small = node.area <= 2.0 * leaf_area_;
-        if (small && (extra == kExtraSplits || !partly_hidden(node))) {
-            out_.leaves.push_back(at);
-            return;
+        if (small) {
+            const int corners = hidden_corners(node);
+            if (extra == kExtraSplits || corners % 4 == 0) {
+                out_.nodes[at].hidden = corners == 4;
+                out_.leaves.push_back(at);
+                return;
+            }
         }
         const auto first = static_cast<std::int32_t>(out_.nodes.size());
         const auto& [a, b, c] = node.corners;
@@ -166,15 +172,17 @@ class Builder {
         out_.nodes[at].first_child = first;
         for (std::int32_t k = 0; k < 4; ++k) {
             subdivide(first + k, small ? extra + 1 : 0);
+            out_.nodes[at].hidden |= out_.nodes[first + k].hidden;
         }
     }
 
-    // Light reaches some of a triangle, and nothing the rest of it.
-    bool partly_hidden(const RadiosityNode& node) const {
-        const bool first = hidden(node, node.centre);
-        return std::ranges::any_of(node.corners, [&](const Vec3d& p) {
-            return hidden(node, node.centre + (p - node.centre) * kNearCorner) != first;
-        });
+    // Of the middle and three points near the corners, how many are hidden.
+    int hidden_corners(const RadiosityNode& node) const {
+        int out = hidden(node, node.centre) ? 1 : 0;
+        for (const Vec3d& p : node.corners) {
+            out += hidden(node, node.centre + (p - node.centre) * kNearCorner) ? 1 : 0;
+        }
+        return out;
     }
 
     // All that a point of a triangle sees is near, or the black back of a mesh.
@@ -195,7 +203,7 @@ class Builder {
             const Surface& surface =
                 scene_.mesh().surfaces[static_cast<std::size_t>(element.surface)];
             const bool black = surface.back_offset < 0 && dot(hit.normal, direction) > 0.0F;
-            if (!black && static_cast<double>(hit.distance) > node.radius) {
+            if (!black && static_cast<double>(hit.distance) > kNarrowGap * node.radius) {
                 return false;
             }
         }

@@ -6,6 +6,7 @@
 
 #include "core/random.h"
 #include "core/sobol.h"
+#include "core/triangle_region.h"
 
 namespace isolux {
 namespace {
@@ -25,64 +26,15 @@ constexpr double kLargestShare = 8.0;
 // The same, where something is in the way.
 constexpr double kLargestMixedShare = 2.0;
 
+// How far light over a receiver may be from linear, in tolerances: such errors are of one sign.
+constexpr double kBend = 0.25;
 // What may be spread over the hidden parts of a receiver altogether, in tolerances.
 constexpr double kMixedSlack = 8.0;
-
-// What of a triangle is on the front of a plane, as up to two triangles.
-class Region {
-  public:
-    explicit Region(const Triangle& whole) : parts_{whole, {}} {}
-
-    Region(const Triangle& whole, const Vec3d& on_plane, const Vec3d& normal) {
-        std::array<double, 3> height;
-        for (std::size_t k = 0; k < 3; ++k) {
-            height[k] = dot(whole[k] - on_plane, normal);
-        }
-        std::array<Vec3d, 4> corners;
-        std::size_t count = 0;
-        for (std::size_t k = 0; k < 3; ++k) {
-            const std::size_t next = (k + 1) % 3;
-            if (height[k] >= 0.0) {
-                corners[count++] = whole[k];
-            }
-            if ((height[k] > 0.0 && height[next] < 0.0) ||
-                (height[k] < 0.0 && height[next] > 0.0)) {
-                const double t = height[k] / (height[k] - height[next]);
-                corners[count++] = whole[k] + (whole[next] - whole[k]) * t;
-            }
-        }
-        if (count < 3) {
-            parts_[0] = whole;
-            return;
-        }
-        parts_[0] = {corners[0], corners[1], corners[2]};
-        if (count == 4) {
-            parts_[1] = {corners[0], corners[2], corners[3]};
-            const double a = area(parts_[0]), b = area(parts_[1]);
-            first_ = a + b > 0.0 ? a / (a + b) : 1.0;
-        }
-    }
-
-    // Uniform over the region for u, v uniform in [0, 1).
-    Vec3d point(double u, double v) const {
-        const bool second = u >= first_;
-        u = second ? (u - first_) / (1.0 - first_) : u / first_;
-        const Triangle& t = parts_[second ? 1 : 0];
-        const double root = std::sqrt(std::clamp(u, 0.0, 1.0));
-        return t[0] * (1.0 - root) + t[1] * (root * (1.0 - v)) + t[2] * (root * v);
-    }
-
-  private:
-    static double area(const Triangle& t) { return length(cross(t[1] - t[0], t[2] - t[0])); }
-
-    std::array<Triangle, 2> parts_;
-    double first_ = 1.0; // share of the first part's area
-};
 
 // Where light is received: at a point, or all over a triangle about it.
 struct RayOrigins {
     Vec3d centre, normal;
-    const Triangle* triangle = nullptr;
+    const RadiosityNode* node = nullptr;
 };
 
 // What rays to a source found.
@@ -119,7 +71,10 @@ class Exchange {
     void onto(std::int32_t r, const std::vector<std::int32_t>& sources, std::array<Vec3d, 3> linear,
               double slack, std::span<Vec3d> received) {
         const RadiosityNode& receiver = nodes_[r];
-        const RayOrigins origins{receiver.centre, receiver.normal, &receiver.corners};
+        const RayOrigins origins{receiver.centre, receiver.normal, &receiver};
+        if (receiver.leaf() && receiver.hidden) {
+            return;
+        }
         if (receiver.leaf()) {
             PointIlluminance own;
             pending_.assign(sources.begin(), sources.end());
@@ -290,7 +245,7 @@ class Exchange {
         }
         const double bend = middle - (corner[0] + corner[1] + corner[2]) / 3.0;
         const double off = touches ? middle : std::abs(bend);
-        const bool uneven = off * light.high > tolerance_;
+        const bool uneven = off * light.high > kBend * tolerance_;
         const bool too_coarse = coarse(most, s);
         if (too_coarse && (!uneven || larger)) {
             open(s);
@@ -321,13 +276,14 @@ class Exchange {
         const std::uint64_t pair = mix64(mix64(seed_ + key) + static_cast<std::uint64_t>(s));
         const RadiosityNode& source = nodes_[s];
         // Only points that face each other.
-        const Region to_region = source.cluster()
-                                     ? Region(Triangle{})
-                                     : Region(source.corners, origins.centre, origins.normal);
-        const Region from_region = origins.triangle == nullptr ? Region(Triangle{})
-                                   : source.cluster()
-                                       ? Region(*origins.triangle)
-                                       : Region(*origins.triangle, source.centre, source.normal);
+        const TriangleRegion to_region =
+            source.cluster() ? TriangleRegion(Triangle{})
+                             : TriangleRegion(source.corners, origins.centre, origins.normal);
+        const TriangleRegion from_region =
+            origins.node == nullptr ? TriangleRegion(Triangle{})
+            : source.cluster()
+                ? TriangleRegion(origins.node->corners)
+                : TriangleRegion(origins.node->corners, source.centre, source.normal);
         std::array<double, kRays> weights, values;
         double weight = 0.0, seen = 0.0;
         Sampled out;
@@ -335,9 +291,15 @@ class Exchange {
         for (const std::uint32_t end : {kProbes, kRays}) {
             for (; count < end; ++count) {
                 Vec3d from = origins.centre;
-                if (origins.triangle != nullptr) {
+                if (origins.node != nullptr) {
                     const auto [u, v] = sobol_point(count, ~pair);
                     from = from_region.point(u, v);
+                    if (origins.node->hidden && !origins.node->leaf()) {
+                        const auto r = static_cast<std::int32_t>(origins.node - nodes_.data());
+                        if (nodes_[triangle_point(r, from).leaf].hidden) {
+                            continue; // it will get nothing
+                        }
+                    }
                 }
                 const auto [u, v] = sobol_point(count, pair);
                 const SourcePoint at = source.cluster() ? cluster_point(s, u, v)
@@ -393,7 +355,7 @@ class Exchange {
             u = second ? (u - first) / (1.0 - first) : u / first;
             s = second ? child + 1 : child;
         }
-        return triangle_point(s, Region(nodes_[s].corners).point(u, v));
+        return triangle_point(s, TriangleRegion(nodes_[s].corners).point(u, v));
     }
 
     // Finds the leaf of a triangle where a point of it is.

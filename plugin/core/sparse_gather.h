@@ -2,7 +2,7 @@
 // allows, interpolated to all others, and joined with what photons left there.
 //
 // Departure: the paper lets indirect photons go on to the end (IDEPT) and filters them
-// [Volevich 2000, §3.3]. tests/physics/test_gather.py shows the gain.
+// [Volevich 2000, §3.3]. tools/gather_study.py measures the gain.
 #pragma once
 
 #include <cstdint>

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from isolux.composite import steps
+from isolux.composite import GATHER_RAYS_PER_PHOTON, steps
 from isolux.schedule import StageGoal
 from isolux.settings import SolverSettings
 
@@ -36,6 +36,14 @@ class SimulatedRun:
         self.photons += round(photons)
         self.elapsed += photons / PHOTONS_A_SECOND
 
+    @property
+    def seconds_per_photon(self):
+        return 1 / PHOTONS_A_SECOND
+
+    @property
+    def seconds_per_gather_ray(self):
+        return 0.25 / PHOTONS_A_SECOND
+
     def finishing_seconds(self, component):
         return self.finishing.get(component, 0.0)
 
@@ -49,6 +57,8 @@ def made(method, run):
     for step in steps(method, run):
         if step.component == "DDL":
             run.elapsed += run.first_iteration
+        if step.component == "gather":
+            run.elapsed += step.rays * run.seconds_per_gather_ray
         out.append(step)
     return out
 
@@ -104,6 +114,14 @@ def test_a_budget_too_short_for_direct_lighting_goes_to_photons():
     every = made("composite", run)
     assert {step.component for step in every} == {"DEPT"}
     assert run.elapsed == pytest.approx(2.0)
+
+
+def test_a_time_budget_is_shared_by_photons_and_the_rays_gathered_over_them():
+    run = SimulatedRun(SolverSettings(target_error=0, time_budget=60.0))
+    every = made("composite", run)
+    assert run.elapsed == pytest.approx(60.0, rel=1e-3)
+    rays = sum(step.rays for step in every)
+    assert rays == pytest.approx(GATHER_RAYS_PER_PHOTON * run.photons, rel=1e-3)
 
 
 def test_stages_that_could_not_be_finished_in_time_are_left_out():

@@ -173,7 +173,7 @@ def test_a_luminaire_flush_with_a_ceiling_lights_all_below_and_nothing_on_it():
     """Far from the origin, too, where coordinates are coarse."""
     for origin in (np.zeros(3), np.array([3e4, -2e4, 1e4])):
         room = surface(box((4, 4, 3), 0.5).moved(*origin).flipped())
-        lamp = luminaire(1000.0, origin + [0, 0, 1.5], "rect", (1.0, 1.0))
+        lamp = luminaire(1000.0, origin + np.array((0, 0, 1.5)), "rect", (1.0, 1.0))
         scene = build([room], [lamp])
         found = illuminate(scene)["illuminance"]
         on_ceiling = scene.vertex_normals[:, 2] < -0.5

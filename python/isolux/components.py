@@ -20,7 +20,7 @@ from .solution import LUMINANCE_WEIGHTS, RefinedMesh
 # Error relative to the total illuminance at which shadow rays stop [Volevich 2000, §3.1.1].
 DIRECT_ACCURACY = 0.01
 # Error of radiosity at a point, of the mean indirect illuminance, that is aimed at.
-RADIOSITY_ACCURACY = 0.01
+RADIOSITY_ACCURACY = 0.02
 # Receivers a call: how soon a cancelled run stops.
 RECEIVERS_AT_ONCE = 1 << 14
 # One in so many vertices is lit to learn what all will take.

@@ -17,8 +17,9 @@ from .switchover import pilot_seconds, switchover_photons
 
 # Below so many polygons radiosity is the faster way to the indirect light [Volevich 2000, §3.2].
 RADIOSITY_POLYGONS = 500
-# Gathered rays for each photon.
-GATHER_RAYS_PER_PHOTON = 1.0
+# Gathered rays for each photon: with as many the error per second is least (tools/gather_study.py).
+GATHER_RAYS_PER_PHOTON = 10
+LEAST_GATHER_RAYS = 1 << 14
 # Rays of the first step of radiosity; they double from step to step.
 FIRST_RADIOSITY_RAYS = 1 << 14
 
@@ -38,6 +39,14 @@ class Run(Protocol):
     @property
     def indirect_error(self) -> float:
         """Relative RMS error of the indirect light as it stands; nan: not known."""
+
+    @property
+    def seconds_per_photon(self) -> float:
+        """Of tracing, as measured."""
+
+    @property
+    def seconds_per_gather_ray(self) -> float:
+        """As measured last, or a guess."""
 
     def trace_until(self, goal: StageGoal, component: Component) -> None:
         """Emit photons until the goal, with time left for the component to use them."""
@@ -75,8 +84,11 @@ def steps(method: Method, run: Run) -> Iterator[StagePlan]:
     if method == "ddl+hpr":
         yield from _radiosity_steps(run)
     else:
-        late: Component = "gather" if method == "composite" else "IDEPT"
-        yield from _photon_steps(run, late, max(1, late_stages))
+        late_stages = max(1, late_stages)
+        if method == "composite":
+            yield from _gather_steps(run, late_stages)
+        else:
+            yield from _photon_steps(run, "IDEPT", late_stages)
 
 
 def _start(run: Run, room: int) -> Iterator[StagePlan]:
@@ -118,24 +130,35 @@ def _direct_steps(run: Run) -> Iterator[StagePlan]:
 
 
 def _photon_steps(run: Run, component: Component, stages: int) -> Iterator[StagePlan]:
-    """Photons whose light the component makes ever more of, until a stopping criterion."""
-    gathered_any = False
+    """Photons, filtered stage by stage, until a stopping criterion."""
     for goal in stage_goals(run.settings, stages):
-        if not goal.last:
-            # A stage that would take longer to finish than to trace is left out, and so is one
-            # that is all but reached.
-            finishing = run.finishing_seconds(component)
-            if goal.seconds - run.elapsed < 1.5 * finishing:
-                continue
-            if goal.photons < 1.25 * run.photons:
-                continue
-        before = run.photons if gathered_any else 0
+        # A stage that would take longer to filter than to trace is left out.
+        if not goal.last and goal.seconds - run.elapsed < 1.5 * run.finishing_seconds(component):
+            continue
         run.trace_until(goal, component)
-        rays = 0
-        if component == "gather":
-            rays = math.ceil(GATHER_RAYS_PER_PHOTON * (run.photons - before))
-            gathered_any = True
-        yield StagePlan(component, run.photons, rays)
+        yield StagePlan(component, run.photons)
+
+
+def _gather_steps(run: Run, stages: int) -> Iterator[StagePlan]:
+    """Photons, and a gather over their light, until a stopping criterion."""
+    gathered = 0
+    for goal in stage_goals(run.settings, stages):
+        all_but_reached = goal.photons < 1.25 * run.photons or goal.seconds < 1.25 * run.elapsed
+        if all_but_reached and not goal.last:
+            continue
+        photons, rays = goal.photons, math.inf
+        if goal.seconds < math.inf:
+            # Both in proportion, as far as the time goes.
+            photon, ray = run.seconds_per_photon, run.seconds_per_gather_ray
+            left = max(0.0, goal.seconds - run.elapsed)
+            both = left + run.photons * photon + gathered * ray
+            photons = min(photons, both // (photon + GATHER_RAYS_PER_PHOTON * ray))
+            rays = left / ray
+        run.trace_until(StageGoal(photons, goal.seconds, goal.last), "gather")
+        rays = min(rays, GATHER_RAYS_PER_PHOTON * run.photons - gathered)
+        step = StagePlan("gather", run.photons, max(LEAST_GATHER_RAYS, math.ceil(rays)))
+        gathered += step.rays
+        yield step
 
 
 def _radiosity_steps(run: Run) -> Iterator[StagePlan]:

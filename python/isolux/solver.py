@@ -121,6 +121,8 @@ class ProgressiveSolver:
         self._steps: list[StagePlan] = []
         self._switchover = (0.0, 0, 0.0)  # T1 in s and photons, T2 in s
         self._indirect_rays = 0
+        self._tracing_seconds = 0.0
+        self._gather_ray_seconds = 0.0
         self._finishing: dict[str, float] = {}  # s, of each component's last step
         self._watch = Watch(None, lambda: False)
         self._index = 0
@@ -187,6 +189,16 @@ class ProgressiveSolver:
 
     # What the order of steps depends on: composite.Run.
 
+    @property
+    def seconds_per_photon(self) -> float:
+        """Of tracing, as measured."""
+        return self._tracing_seconds / max(1, self.photons)
+
+    @property
+    def seconds_per_gather_ray(self) -> float:
+        """As measured last; before, as long as a photon takes."""
+        return self._gather_ray_seconds or max(self.seconds_per_photon, 1e-9)
+
     def trace_until(self, goal: StageGoal, component: Component) -> None:
         """Emit photons until the goal, with time left for the component to use them."""
         chunk = FIRST_CHUNK_PHOTONS
@@ -196,6 +208,7 @@ class ProgressiveSolver:
             self._photons.trace(count)
             seconds = max(self._clock() - started, 1e-6)
             self.elapsed += seconds
+            self._tracing_seconds += seconds
             self._show_progress(component, goal.photons)
             time_left = goal.seconds - self.finishing_seconds(component) - self.elapsed
             if time_left <= 0:
@@ -228,6 +241,8 @@ class ProgressiveSolver:
         carry_out(step)
         self.elapsed = before + self._clock() - started
         self._finishing[step.component] = self._clock() - started
+        if step.component == "gather":
+            self._gather_ray_seconds = self._finishing.pop("gather") / max(1, step.rays)
         if step.component == "DDL":
             t1, photons, _ = self._switchover
             self._switchover = (t1 or before, photons or step.photons, self.elapsed)

@@ -5,7 +5,7 @@ import pytest
 from usd_scenes.furnace_sphere.generate import icosphere
 from usd_scenes.shapes import box, rectangle
 
-from core_scenes import luminaire, relative_rms, surface, trace
+from core_scenes import luminaire, surface, trace
 from isolux import _core
 
 WEIGHTS = [0.2126, 0.7152, 0.0722]
@@ -38,8 +38,8 @@ def test_mean_indirect_light_in_the_cube_of_cie_171_case_5_8(reflectance):
     traced = trace([cube], [luminaire(10_000.0)], photons)
     indirect, found = gathered(traced, traced.illuminance.sum(axis=1), 150_000)
     expected = reflectance * 10_000 / (96 * (1 - reflectance))
-    # The mean of the cache has the relative standard deviation √(ρ / N); that of the vertices may be
-    # off by some of what each of them is.
+    # The mean of the cache has the relative standard deviation √(ρ / N); that of the vertices may
+    # be off by some of what each of them is.
     sigma = np.hypot(np.sqrt(reflectance / photons), 0.1 * found["indirect_rms"] / expected)
     assert np.average(indirect, weights=traced.areas) == pytest.approx(expected, rel=4 * sigma)
 

@@ -37,8 +37,10 @@ constexpr double kDark = 0.1;
 // Shares of light whose variance for each shadow ray is at least this part of the largest are
 // refined together.
 constexpr double kRefinedTogether = 0.25;
-// A cluster that may give so much more than from its centre is too near for one sample.
-constexpr double kNear = 3.0;
+// A cluster that may give so much more than from its centre is split unseen.
+constexpr double kNear = 30.0;
+// Of the accuracy, for the differences between a cluster's luminaires.
+constexpr double kUnseenShare = 0.7;
 
 std::uint64_t position_key(const Vec3d& p) {
     return mix64(
@@ -105,12 +107,17 @@ class DirectLighting::Gathering {
                                             : 0.0;
         }
     };
+    struct OpenCluster {
+        double variance; // lx²
+        ClusterIlluminance bound;
+        const LightCluster* cluster;
+    };
     struct Candidate {
         double gain;
         std::int32_t share;
     };
 
-    void descend(const LightCluster& cluster);
+    void choose_clusters();
     bool add(std::int32_t luminaire, const LightCluster* cluster, const ClusterIlluminance& bound);
     bool add_sampled(const LightCluster& cluster, const ClusterIlluminance& bound);
     void split(std::int32_t share);
@@ -128,6 +135,7 @@ class DirectLighting::Gathering {
     std::uint64_t shadow_rays_ = 0;
     std::vector<Share> shares_;
     std::vector<std::int32_t> pending_; // shares that want shadow rays
+    std::vector<OpenCluster> open_;     // a heap
     std::vector<Candidate> candidates_; // a heap
     std::vector<Ray> rays_;
     std::vector<Probe> probes_; // one a ray
@@ -149,7 +157,7 @@ DirectLighting::Gathering::Found DirectLighting::Gathering::gather(const Receive
     pending_.clear();
     candidates_.clear();
     if (lighting_.tree_) {
-        descend(lighting_.tree_->clusters().front());
+        choose_clusters();
     } else {
         for (std::size_t i = 0; i < lighting_.luminaires_.size(); ++i) {
             add(static_cast<std::int32_t>(i), nullptr, {});
@@ -175,14 +183,46 @@ double DirectLighting::Gathering::allowed() const {
     return lighting_.settings_.accuracy * std::max(direct_ + indirect_, lighting_.least_total_);
 }
 
-// Without a look, as far as a cluster is so near that one of its luminaires may outshine the rest.
-void DirectLighting::Gathering::descend(const LightCluster& cluster) {
-    const ClusterIlluminance bound = cluster_illuminance(cluster, receiver_);
-    if (cluster.children[0] >= 0 && bound.most > kNear * bound.middle && bound.most > allowed()) {
-        descend(lighting_.tree_->clusters()[cluster.children[0]]);
-        descend(lighting_.tree_->clusters()[cluster.children[1]]);
-    } else {
-        add_sampled(cluster, bound);
+// The tree's clusters as far as their luminaires differ in what they may give, before any shadow
+// ray: the largest difference first.
+void DirectLighting::Gathering::choose_clusters() {
+    open_.clear();
+    double variance = 0.0, expected = 0.0;
+    const auto open = [&](const auto& self, const LightCluster& cluster) -> void {
+        const ClusterIlluminance bound = cluster_illuminance(cluster, receiver_);
+        if (bound.most == 0.0) {
+            return;
+        }
+        const bool leaf = cluster.children[0] < 0;
+        if (!leaf && bound.most > kNear * std::max(bound.middle, allowed())) {
+            self(self, lighting_.tree_->clusters()[cluster.children[0]]);
+            self(self, lighting_.tree_->clusters()[cluster.children[1]]);
+            return;
+        }
+        const double own = leaf ? 0.0 : bound.variance();
+        open_.push_back({own, bound, &cluster});
+        std::ranges::push_heap(open_, {}, &OpenCluster::variance);
+        variance += own;
+        expected += bound.middle;
+    };
+    const auto enough = [&] {
+        const double total = std::max(expected + indirect_, lighting_.least_total_);
+        const double share = kUnseenShare * lighting_.settings_.accuracy * total;
+        return variance <= share * share;
+    };
+    open(open, lighting_.tree_->clusters().front());
+    while (!open_.empty() && open_.front().variance > 0.0 && !enough()) {
+        std::ranges::pop_heap(open_, {}, &OpenCluster::variance);
+        const OpenCluster parent = open_.back();
+        open_.pop_back();
+        variance -= parent.variance;
+        expected -= parent.bound.middle;
+        for (const std::int32_t child : parent.cluster->children) {
+            open(open, lighting_.tree_->clusters()[child]);
+        }
+    }
+    for (const OpenCluster& o : open_) {
+        add_sampled(*o.cluster, o.bound);
     }
 }
 
@@ -198,13 +238,8 @@ bool DirectLighting::Gathering::add(std::int32_t luminaire, const LightCluster* 
         centre = cluster->centre;
         radius = cluster->radius;
         share.unoccluded *= cluster->luminous_flux / light.luminaire().luminous_flux;
-        // To first order, or as if even up to the most; few can be that bright
-        // [Bhatia & Davis 2000].
         share.expected = bound.middle;
-        const double above = std::max(0.0, bound.most - bound.middle);
-        share.geometry = bound.middle > 0.0 ? std::min({above * above / 3.0, above * bound.middle,
-                                                        bound.spread * bound.middle * bound.middle})
-                                            : above * above / 12.0;
+        share.geometry = bound.variance();
     } else if (share.unoccluded == 0.0) {
         return false;
     }

@@ -109,6 +109,13 @@ std::int32_t LightTree::choose(const LightCluster& cluster, double u) const {
     return order_[above - cumulative_flux_.begin() - 1];
 }
 
+// To first order, or as if even up to the most; few can be that bright [Bhatia & Davis 2000].
+double ClusterIlluminance::variance() const {
+    const double above = std::max(0.0, most - middle);
+    return middle > 0.0 ? std::min({above * above / 3.0, above * middle, spread * middle * middle})
+                        : above * above / 12.0;
+}
+
 ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiver& receiver) {
     const Vec3d to = cluster.centre - receiver.position;
     const Vec3d normal = receiver.normal.as<double>();
@@ -117,8 +124,9 @@ ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiv
     if (height <= -radius) {
         return {};
     }
+    const bool cosine = cluster.follows_cosine && cluster.spread < kAngleSlack;
     const double widest = cluster.spread + cluster.reach;
-    if (widest < kPi && distance > radius &&
+    if (!cosine && widest < kPi && distance > radius &&
         angle_between(cluster.axis, -to) - std::asin(radius / distance) > widest + kAngleSlack) {
         return {};
     }
@@ -138,7 +146,7 @@ ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiv
     // Logarithmic derivative of height / distance³.
     Vec3d slope = normal * (1.0 / height) + to * (-3.0 / squared);
     bool first_order = height > extent(normal);
-    if (cluster.follows_cosine && cluster.spread < kAngleSlack) {
+    if (cosine) {
         const double below = -dot(to, cluster.axis);
         out.middle *= std::max(0.0, below) / distance;
         out.most *= std::min(1.0, std::max(0.0, below + extent(cluster.axis)) / nearest);

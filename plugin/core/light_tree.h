@@ -48,6 +48,9 @@ class LightTree {
 struct ClusterIlluminance {
     double most = 0.0, middle = 0.0; // lx
     double spread = 0.0;             // relative variance between its luminaires, to first order
+
+    // Of the whole by one of its luminaires, chosen by flux, lx².
+    double variance() const;
 };
 ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiver& receiver);
 

@@ -96,12 +96,14 @@ class DirectLighting::Gathering {
         double seen = 0.0, all = 0.0;          // sums of their weights
         bool mixed = false;                    // its sibling's shadow rays met something else
         std::int32_t sibling = -1;             // the other half of a cluster just split
-        double direct = 0.0, variance = 0.0;   // lx, lx²
+        double direct = 0.0;                   // lx
+        double known = 0.0, edges = 0.0;       // lx², variance; the second for each edge a radian
 
         double visible() const { return all > 0.0 ? seen / all : 0.0; }
         bool decided() const { return all > 0.0 && (seen == 0.0 || seen == all); }
         // Of a further shadow ray, lx².
-        double gain() const {
+        double gain(double edges_per_radian) const {
+            const double variance = known + edges_per_radian * edges;
             return cluster != nullptr       ? variance
                    : samples < kMostSamples ? variance / samples
                                             : 0.0;
@@ -124,14 +126,16 @@ class DirectLighting::Gathering {
     void refine();
     void cast();
     void settle();
-    double variance_of(const Share& share) const;
+    double edges_per_radian() const;
+    double variance() const { return known_ + edges_per_radian() * edges_; }
     double allowed() const;
 
     const DirectLighting& lighting_;
     Receiver receiver_;
     std::uint64_t key_ = 0;
-    double indirect_ = 0.0;                // lx
-    double direct_ = 0.0, variance_ = 0.0; // lx, lx²: sums over the shares
+    double indirect_ = 0.0;                           // lx
+    double direct_ = 0.0, known_ = 0.0, edges_ = 0.0; // sums over the shares
+    double edges_met_ = 0.0, angle_tried_ = 0.0;      // 1, rad
     std::uint64_t shadow_rays_ = 0;
     std::vector<Share> shares_;
     std::vector<std::int32_t> pending_; // shares that want shadow rays
@@ -151,7 +155,7 @@ DirectLighting::Gathering::Found DirectLighting::Gathering::gather(const Receive
     receiver_ = receiver;
     key_ = position_key(receiver.position) ^ mix64(lighting_.settings_.seed);
     indirect_ = indirect;
-    direct_ = variance_ = 0.0;
+    direct_ = known_ = edges_ = edges_met_ = angle_tried_ = 0.0;
     shadow_rays_ = 0;
     shares_.clear();
     pending_.clear();
@@ -165,18 +169,19 @@ DirectLighting::Gathering::Found DirectLighting::Gathering::gather(const Receive
     }
     cast();
     settle();
-    while (!candidates_.empty() && variance_ > allowed() * allowed()) {
+    while (!candidates_.empty() && variance() > allowed() * allowed()) {
         refine();
         cast();
         settle();
     }
     Vec3f sum;
-    double variance = 0.0;
+    known_ = edges_ = 0.0; // anew: differences have rounded
     for (const Share& s : shares_) {
         sum += lighting_.luminaires_[s.luminaire].luminaire().colour * static_cast<float>(s.direct);
-        variance += s.variance;
+        known_ += s.known;
+        edges_ += s.edges;
     }
-    return {sum, static_cast<float>(std::sqrt(variance)), shadow_rays_};
+    return {sum, static_cast<float>(std::sqrt(variance())), shadow_rays_};
 }
 
 double DirectLighting::Gathering::allowed() const {
@@ -221,8 +226,13 @@ void DirectLighting::Gathering::choose_clusters() {
             open(open, lighting_.tree_->clusters()[child]);
         }
     }
+    // Neighbours in pairs, which tell where there are edges.
+    std::ranges::sort(open_, {}, [](const OpenCluster& o) { return o.cluster->first; });
     for (const OpenCluster& o : open_) {
-        add_sampled(*o.cluster, o.bound);
+        const auto index = static_cast<std::int32_t>(shares_.size());
+        if (add_sampled(*o.cluster, o.bound) && index % 2 != 0) {
+            shares_[index - 1].sibling = index;
+        }
     }
 }
 
@@ -296,7 +306,8 @@ void DirectLighting::Gathering::refine() {
         candidates_.pop_back();
         Share& s = shares_[index];
         direct_ -= s.direct;
-        variance_ -= s.variance;
+        known_ -= s.known;
+        edges_ -= s.edges;
         if (s.cluster != nullptr) {
             split(index);
         } else {
@@ -348,40 +359,48 @@ void DirectLighting::Gathering::cast() {
 }
 
 // Adds the pending shares to the sums, and to the candidates for more shadow rays.
+//
+// Where all shadow rays of a luminaire agree, an edge may still pass beside them: the hidden part
+// that n even rays miss is about 1/n. Where they don't, each of the about sqrt(n) cells of a grid
+// that an edge crosses adds its variance. It is the same for light seen and hidden: to look closer
+// at one of them alone would have the rest outweigh it.
 void DirectLighting::Gathering::settle() {
     for (const std::int32_t i : pending_) {
         Share& s = shares_[i];
         if (s.sibling >= 0) {
             Share& other = shares_[s.sibling];
-            s.mixed = other.mixed =
-                s.all > 0.0 && other.all > 0.0 && (s.seen > 0.0) != (other.seen > 0.0);
+            if (s.all > 0.0 && other.all > 0.0) {
+                s.mixed = other.mixed = (s.seen > 0.0) != (other.seen > 0.0);
+                edges_met_ += s.mixed ? 1.0 : 0.0;
+                angle_tried_ += s.angle + other.angle;
+            }
             s.sibling = -1;
         }
     }
     for (const std::int32_t i : pending_) {
         Share& s = shares_[i];
+        const double n = std::max(1.0, static_cast<double>(s.samples));
+        const double squared = s.expected * s.expected;
+        const bool mixed = (s.cluster != nullptr && s.mixed) || !s.decided();
         s.direct = s.unoccluded * s.visible();
-        s.variance = variance_of(s);
+        s.known = s.geometry + (mixed ? squared * kEdgeVariance / (n * std::sqrt(n)) : 0.0);
+        s.edges = mixed
+                      ? 0.0
+                      : squared * s.angle * std::min(kEdgeVariance, kMissedVariance / (n * n * n));
         direct_ += s.direct;
-        variance_ += s.variance;
-        if (s.gain() > 0.0) {
-            candidates_.push_back({s.gain(), i});
+        known_ += s.known;
+        edges_ += s.edges;
+        const double gain = s.gain(edges_per_radian());
+        if (gain > 0.0) {
+            candidates_.push_back({gain, i});
             std::ranges::push_heap(candidates_, {}, &Candidate::gain);
         }
     }
 }
 
-// Where all shadow rays of a luminaire agree, an edge may still pass beside them: the hidden part
-// that n even rays miss is about 1/n. Where they don't, each of the about sqrt(n) cells of a grid
-// that an edge crosses adds its variance. It is the same for light seen and hidden: to look closer
-// at one of them alone would have the rest outweigh it.
-double DirectLighting::Gathering::variance_of(const Share& s) const {
-    const double n = std::max(1.0, static_cast<double>(s.samples));
-    const bool mixed = (s.cluster != nullptr && s.mixed) || !s.decided();
-    const double edge = std::min(1.0, kEdgesPerRadian * s.angle);
-    const double share = mixed ? kEdgeVariance / (n * std::sqrt(n))
-                               : edge * std::min(kEdgeVariance, kMissedVariance / (n * n * n));
-    return s.expected * s.expected * share + s.geometry;
+// What is known of the scene counts like one edge met here.
+double DirectLighting::Gathering::edges_per_radian() const {
+    return (1.0 + edges_met_) / (1.0 / kEdgesPerRadian + angle_tried_);
 }
 
 DirectIllumination DirectLighting::illuminate(std::span<const Receiver> receivers,

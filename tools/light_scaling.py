@@ -1,9 +1,12 @@
 """Cost and error of direct light by the number of luminaires, in the hall: a table and its slope.
 
     python tools/light_scaling.py [--accuracy A] [--density D] [--threads N] [--receivers R]
+                                   [--alone]
 
-All vertices are lit; the error is that of so many of them against every luminaire's own light, a
-few luminaires at a time and with shadow rays enough, so that no light tree has a part in it.
+All vertices are lit, beside the indirect light of a photon pilot, as the composite solver does; or
+alone. The error, relative to the mean of all light that was there, is that of so many vertices
+against every luminaire's own light: a few luminaires at a time and with shadow rays enough, so that
+no light tree has a part in it.
 """
 
 from __future__ import annotations
@@ -30,6 +33,7 @@ from usd_scenes.hall.generate import generate
 
 COUNTS = (10, 100, 1000, 2600)
 ONE_BY_ONE = 32  # luminaires that DirectLighting takes without a light tree
+PILOT_PHOTONS = 200_000
 REFERENCE_ACCURACY = 0.1  # of the accuracy measured
 
 NOTHING = np.zeros(0, np.float32)
@@ -55,6 +59,17 @@ def brute_force(
     return total
 
 
+def pilot_indirect(core: _core.Scene, threads: int) -> NDArray[np.float32]:
+    """(V,) lx: indirect light by photon tracing, filtered with the default settings."""
+    settings = SolverSettings()
+    buckets = _core.PhotonBuckets(core)
+    _core.trace_photons(core, buckets, 0, 0, PILOT_PHOTONS, threads)
+    filtered = _core.IlluminationFilter(core).filter(
+        core, buckets, settings.filter_accuracy, settings.filter_sharing, False, threads
+    )
+    return np.asarray(filtered["indirect"] @ LUMINANCE_WEIGHTS, np.float32)
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description="Cost of direct light by number of luminaires.")
@@ -62,11 +77,12 @@ def main() -> None:
     parser.add_argument("--density", type=float, default=1.0, help="of the hall's mesh")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--receivers", type=int, default=1000, help="compared with brute force")
+    parser.add_argument("--alone", action="store_true", help="no indirect light beside")
     arguments = parser.parse_args()
 
     print("| luminaires | CPU s | wall s | shadow rays | a vertex | true RMS error | reported |")
     print("|---|---|---|---|---|---|---|")
-    seconds = []
+    seconds, rays = [], []
     for count in COUNTS:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "hall.usdc"
@@ -76,11 +92,13 @@ def main() -> None:
         lit = np.flatnonzero(core.vertex_normals.any(axis=1))
         positions, normals = core.receiver_positions[lit], core.vertex_normals[lit]
         areas = core.vertex_areas[lit]
+        indirect = NOTHING if arguments.alone else pilot_indirect(core, arguments.threads)[lit]
         clock, start = time.process_time(), time.perf_counter()
         found = _core.DirectLighting(core, 1, arguments.accuracy).illuminate(
-            positions, normals, NOTHING, arguments.threads
+            positions, normals, indirect, arguments.threads
         )
         seconds.append(time.process_time() - clock)
+        rays.append(found["shadow_rays"])
         wall = time.perf_counter() - start
 
         rng = np.random.default_rng(1)
@@ -93,7 +111,8 @@ def main() -> None:
             arguments.threads,
         )
         error = found["illuminance"][some] @ LUMINANCE_WEIGHTS - truth
-        mean = np.average(truth, weights=areas[some])
+        total = truth if arguments.alone else truth + indirect[some]
+        mean = np.average(total, weights=areas[some])
         true, reported = (
             np.sqrt(np.average(np.square(e, dtype=float), weights=areas[some])) / mean
             for e in (error, found["standard_error"][some])
@@ -103,8 +122,11 @@ def main() -> None:
             f"| {found['shadow_rays'] / len(lit):.0f} | {true:.2%} | {reported:.2%} |",
             flush=True,
         )
-    slope = np.polyfit(np.log(COUNTS), np.log(seconds), 1)[0]
-    print(f"\n{len(lit):,} vertices; CPU seconds grow with the luminaires to the {slope:.2f}")
+    slopes = [np.polyfit(np.log(COUNTS), np.log(cost), 1)[0] for cost in (seconds, rays)]
+    print(
+        f"\n{len(lit):,} vertices; CPU seconds grow with the luminaires to the {slopes[0]:.2f}, "
+        f"shadow rays to the {slopes[1]:.2f}"
+    )
 
 
 if __name__ == "__main__":

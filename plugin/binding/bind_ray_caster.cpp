@@ -1,6 +1,6 @@
 // Rays among triangles, and triangles of polygons.
-#include <memory>
 #include <algorithm>
+#include <memory>
 #include <stdexcept>
 
 #include <tbb/parallel_for.h>

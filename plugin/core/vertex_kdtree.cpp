@@ -15,6 +15,10 @@ constexpr std::uint32_t kLeafVertices = 4;
 // Cells whose normals spread less than this decide by their axis alone.
 constexpr double kTightAngle = 5.0; // °
 
+// A cell is cut by its normals where they differ by more than its diameter in units of so many
+// radii: 30° or more.
+constexpr float kNormalScale = 4.0F;
+
 double cosine(double degrees) { return std::cos(degrees * std::numbers::pi / 180.0); }
 
 struct Extent {
@@ -144,8 +148,8 @@ class CellBuilder {
         if (end - begin <= kLeafVertices) {
             return;
         }
-        // Sheets that face two ways in one place are parted by their normals.
-        const float normal_scale = cells[cell].radius;
+        // Sheets that face two ways in one place, or a thin tube, are parted by their normals.
+        const float normal_scale = kNormalScale * cells[cell].radius;
         std::size_t axis = 0;
         float largest = extent.size(0);
         for (std::size_t other = 1; other < 6; ++other) {

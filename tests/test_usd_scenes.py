@@ -15,6 +15,8 @@ from usd_scenes.cornell_box.generate import generate as generate_cornell_box
 from usd_scenes.furnace_sphere.generate import expected_illuminance as sphere_illuminance
 from usd_scenes.furnace_sphere.generate import generate as generate_furnace_sphere
 from usd_scenes.furnace_sphere.generate import icosphere
+from usd_scenes.hall.generate import LUMINOUS_FLUX as HALL_FLUX
+from usd_scenes.hall.generate import generate as generate_hall
 from usd_scenes.office.generate import generate as generate_office
 from usd_scenes.photometry import generate as photometry
 from usd_scenes.spot_room.generate import generate as generate_spot_room
@@ -27,6 +29,7 @@ GENERATORS = {
     "box_room": generate_box_room,
     "spot_room": generate_spot_room,
     "cornell_box": generate_cornell_box,
+    "hall": lambda path: generate_hall(path, luminaires=33, density=0.5),
 }
 
 # Meshes that bound no solid: walls and panes seen from one side, canvases, the rug, boxes that
@@ -106,7 +109,7 @@ def test_solids_are_closed_and_face_outwards(stages: dict[str, Usd.Stage], name:
         p, q, r = points[triangles].transpose(1, 0, 2)
         volume = np.einsum("ij,ij->", p, np.cross(q, r)) / 6
         # The closed rooms are seen from inside.
-        inside_out = name in ("furnace_sphere", "box_room")
+        inside_out = name in ("furnace_sphere", "box_room") or mesh.GetPrim().GetName() == "Shell"
         assert (volume < 0) == inside_out, f"{mesh.GetPath()}: {volume} m^3"
 
 
@@ -195,3 +198,11 @@ def test_expected_values_are_those_of_the_closed_forms() -> None:
 def test_photometric_files_are_those_of_their_formulas(file_name: str) -> None:
     committed = (photometry.HERE / file_name).read_bytes()
     assert committed == photometry.FILES[file_name]().encode("ascii")
+
+
+@pytest.mark.parametrize("luminaires", [1, 10, 47])
+def test_the_hall_has_one_flux_whatever_its_luminaires(tmp_path: Path, luminaires: int) -> None:
+    generate_hall(tmp_path / "hall.usdc", luminaires, density=0.2)
+    scene = read_stage(tmp_path / "hall.usdc")
+    assert len(scene.luminaires) == luminaires
+    assert sum(light.luminous_flux for light in scene.luminaires) == pytest.approx(HALL_FLUX)

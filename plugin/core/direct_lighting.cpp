@@ -40,7 +40,7 @@ constexpr double kRefinedTogether = 0.25;
 // A cluster that may give so much more than from its centre is split unseen.
 constexpr double kNear = 30.0;
 // Of the accuracy, for the differences between a cluster's luminaires.
-constexpr double kUnseenShare = 0.7;
+constexpr double kUnseenShare = 1.0;
 
 std::uint64_t position_key(const Vec3d& p) {
     return mix64(

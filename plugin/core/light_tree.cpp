@@ -64,7 +64,9 @@ std::int32_t LightTree::add_cluster(std::span<const LuminaireIlluminance> lumina
             std::max(cluster.radius, length(l.position - cluster.centre) + luminaires[i].radius());
         cluster.spread = std::max(cluster.spread, angle_between(cluster.axis, -l.z));
         cluster.reach = std::max(cluster.reach, luminaires[i].reach());
+        cluster.own_radius = std::max(cluster.own_radius, luminaires[i].radius());
     }
+    cluster.follows_cosine &= cluster.spread < kAngleSlack;
     clusters_.push_back(cluster);
     if (members.size() == 1) {
         return index;
@@ -119,39 +121,40 @@ double ClusterIlluminance::variance() const {
 ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiver& receiver) {
     const Vec3d to = cluster.centre - receiver.position;
     const Vec3d normal = receiver.normal.as<double>();
-    const double radius = cluster.radius, height = dot(to, normal);
-    const double squared = dot(to, to), distance = std::sqrt(squared);
-    if (height <= -radius) {
+    const auto extent = [&](const Vec3d& n) {
+        return cluster.own_radius + std::abs(n.x) * cluster.half.x +
+               std::abs(n.y) * cluster.half.y + std::abs(n.z) * cluster.half.z;
+    };
+    const double height = dot(to, normal), up = extent(normal);
+    const double below = -dot(to, cluster.axis), down = extent(cluster.axis);
+    if (height <= -up || (cluster.follows_cosine && below <= -down)) {
         return {};
     }
-    const bool cosine = cluster.follows_cosine && cluster.spread < kAngleSlack;
+    const double squared = dot(to, to);
     const double widest = cluster.spread + cluster.reach;
-    if (!cosine && widest < kPi && distance > radius &&
-        angle_between(cluster.axis, -to) - std::asin(radius / distance) > widest + kAngleSlack) {
+    if (!cluster.follows_cosine && widest < kPi && squared > cluster.radius * cluster.radius &&
+        angle_between(cluster.axis, -to) - std::asin(cluster.radius / std::sqrt(squared)) >
+            widest + kAngleSlack) {
         return {};
     }
     const auto beyond = [](double a, double half) { return std::max(0.0, std::abs(a) - half); };
     const Vec3d gap{beyond(to.x, cluster.half.x), beyond(to.y, cluster.half.y),
                     beyond(to.z, cluster.half.z)};
-    const double nearest = length(gap);
-    const double own = radius - length(cluster.half); // of a luminaire, at most
-    const auto extent = [&](const Vec3d& n) {
-        return own + std::abs(n.x) * cluster.half.x + std::abs(n.y) * cluster.half.y +
-               std::abs(n.z) * cluster.half.z;
-    };
+    const double per_squared = 1.0 / squared, per_distance = std::sqrt(per_squared);
+    const double nearest_squared = 1.0 / dot(gap, gap), nearest = std::sqrt(nearest_squared);
+    const auto cosine = [](double a) { return std::max(0.0, std::min(1.0, a)); }; // 1 for NaN
+
     ClusterIlluminance out;
-    out.middle = cluster.peak_intensity * std::max(0.0, height) / (distance * squared);
-    out.most = cluster.peak_intensity * std::min(1.0, (height + extent(normal)) / nearest) /
-               (nearest * nearest);
-    // Logarithmic derivative of height / distance³.
-    Vec3d slope = normal * (1.0 / height) + to * (-3.0 / squared);
-    bool first_order = height > extent(normal);
-    if (cosine) {
-        const double below = -dot(to, cluster.axis);
-        out.middle *= std::max(0.0, below) / distance;
-        out.most *= std::min(1.0, std::max(0.0, below + extent(cluster.axis)) / nearest);
-        slope += cluster.axis * (-1.0 / below) + to * (-1.0 / squared);
-        first_order &= below > extent(cluster.axis);
+    out.middle = cluster.peak_intensity * cosine(height * per_distance) * per_squared;
+    out.most = cluster.peak_intensity * cosine((height + up) * nearest) * nearest_squared;
+    // Logarithmic derivative of height / distance³, or of height * below / distance⁴.
+    Vec3d slope = normal * (1.0 / height) + to * (-3.0 * per_squared);
+    bool first_order = height > up;
+    if (cluster.follows_cosine) {
+        out.middle *= cosine(below * per_distance);
+        out.most *= cosine((below + down) * nearest);
+        slope += cluster.axis * (-1.0 / below) + to * -per_squared;
+        first_order &= below > down;
     }
     const Vec3d change{slope.x * cluster.half.x, slope.y * cluster.half.y,
                        slope.z * cluster.half.z};

@@ -15,9 +15,10 @@ struct LightCluster {
     std::int32_t children[2] = {-1, -1}; // none where first + 1 == last
     double luminous_flux = 0.0;          // lm
     double peak_intensity = 0.0;         // cd, at most, of all together
-    bool follows_cosine = true;          // of the angle to the nadir, all of them
+    bool follows_cosine = true;          // of the angle to one nadir, all of them
     Vec3d centre{}, half{};              // m; the middle of the luminaires' box, half its edges
     double radius = 0.0;                 // m, of the sphere that holds all luminaires
+    double own_radius = 0.0;             // m, of the largest luminaire
     Vec3d axis{};                        // unit; mean of the luminaires' nadirs
     double spread = 0.0;                 // rad, widest angle from the axis to a nadir
     double reach = 0.0;                  // rad, widest angle from its nadir that a luminaire lights

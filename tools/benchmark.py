@@ -3,7 +3,8 @@
     python tools/benchmark.py [--quick] [--only rates,run,filter,curve] [--threads N]
 
 rates   photon surface events against Embree's bare closest hits of diffuse rays on the same tree,
-        slice by slice in turns, and the filter's time after one second of photon tracing
+        slice by slice in turns, and the filter's time after one second of photon tracing; shadow
+        rays of direct light against Embree's bare occlusion of rays to the same luminaires
 run     phases of a run, time to the first results on disk, memory
 filter  true error of buckets, paper filter and corrected filter by number of photons
 curve   reported and true error over time, as CSV and figure
@@ -51,6 +52,7 @@ from usd_scenes.office.generate import generate  # noqa: E402
 REAL_STAGE = ROOT.parent / "shared/inputs/usd/dw218192+diffpt-warp/stages/cornell_sphere.usda"
 WORTH_A_LOOK = 0.15  # RMS error of a picture that tells how the room will look
 RAY_SEED = 1
+DIRECT_ACCURACY = 0.01
 MEASURES = ("rates", "run", "filter", "curve")
 
 
@@ -166,6 +168,29 @@ class RateMeter:
         return (self._events() - before) / seconds
 
 
+def shadow_ray_rates(
+    core: _core.Scene, slices: int, threads: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Direct light at all vertices, alone, and bare occlusion, in turns.
+
+    returns : shadow rays of direct light, 1/s; bare ones, 1/s; direct light, s
+    """
+    bare = _ray_rate.ShadowRays(core, RAY_SEED)
+    receivers = core.receiver_positions, core.vertex_normals, np.zeros(0, np.float32), threads
+    lighting = _core.DirectLighting(core, 0, DIRECT_ACCURACY)
+    rays = lighting.illuminate(*receivers)["shadow_rays"]
+    seconds = np.array(
+        [
+            (
+                seconds_of(lambda: lighting.illuminate(*receivers)),
+                seconds_of(lambda: bare.shoot(threads)),
+            )
+            for _ in range(slices)
+        ]
+    )
+    return rays / seconds[:, 0], bare.count / seconds[:, 1], seconds[:, 0]
+
+
 def filter_ratio(core: _core.Scene, threads: int) -> tuple[float, int]:
     """Time of filtering direct and indirect light once over that of tracing for a second.
 
@@ -196,6 +221,7 @@ def measure_rates(scenes: Sequence[BenchmarkScene], effort: Effort, threads: int
                 bare[count].append(meter.bare_rate(count))
                 photon[count].append(meter.photon_rate(count))
         ratio, photons = filter_ratio(scene.core, threads)
+        direct, occlusion, direct_seconds = shadow_ray_rates(scene.core, effort.slices, threads)
         columns.append(
             [
                 *(spread(np.divide(photon[count], bare[count])) for count in counts),
@@ -205,6 +231,9 @@ def measure_rates(scenes: Sequence[BenchmarkScene], effort: Effort, threads: int
                 spread(np.divide(bare[threads], bare[1])),
                 spread(np.divide(photon[threads], 1e6)),
                 spread(np.divide(bare[threads], 1e6)),
+                spread(direct / occlusion),
+                spread(occlusion / 1e6),
+                spread(direct_seconds),
             ]
         )
     names = [
@@ -215,6 +244,9 @@ def measure_rates(scenes: Sequence[BenchmarkScene], effort: Effort, threads: int
         f"bare rays, {threads} threads / 1",
         f"photon events, {threads} threads, 10⁶/s",
         f"bare rays, {threads} threads, 10⁶/s",
+        f"shadow rays of direct light / bare occlusion, {threads} threads",
+        f"bare occlusion, {threads} threads, 10⁶/s",
+        f"direct light at all vertices to {DIRECT_ACCURACY:.0%}, {threads} threads, s",
     ]
     print_table(
         "Rates: median (quartiles)",

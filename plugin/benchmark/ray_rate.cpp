@@ -1,7 +1,10 @@
-// What Embree alone can do: closest hits of incoherent rays on a scene's own tree. Photon tracing
-// is measured against it. Not part of the product: built with -DISOLUX_BENCHMARK=ON.
+// What Embree alone can do on a scene's own tree: closest hits of incoherent rays, occlusion of
+// shadow rays. Photon tracing and direct lighting are measured against it. Not part of the product:
+// built with -DISOLUX_BENCHMARK=ON.
 #include <algorithm>
+#include <array>
 #include <atomic>
+#include <span>
 #include <vector>
 
 #include <nanobind/nanobind.h>
@@ -9,6 +12,7 @@
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
+#include "core/luminaire_illuminance.h"
 #include "core/sampling.h"
 #include "core/scene.h"
 
@@ -85,6 +89,54 @@ class IncoherentRays {
     std::vector<Ray> rays_;
 };
 
+// Shadow rays from all vertices to points of all luminaires that they may see, in memory, those of
+// a vertex together.
+class ShadowRays {
+  public:
+    ShadowRays(const Scene& scene, std::uint64_t seed) : ray_caster_(scene.ray_caster()) {
+        const std::vector<LuminaireIlluminance> luminaires(scene.luminaires().begin(),
+                                                           scene.luminaires().end());
+        PhotonRandom random(seed, 0);
+        for (const Receiver& receiver : vertex_receivers(scene.mesh())) {
+            const Vec3f local = (receiver.position - ray_caster_.origin()).as<float>();
+            const Vec3f from = local + receiver.normal * ray_caster_.offset(local, 0.0F);
+            for (const LuminaireIlluminance& luminaire : luminaires) {
+                const double u = random.next_double();
+                const auto at = luminaire.shadow_sample(receiver, u, random.next_double());
+                if (at.weight > 0.0 && luminaire.unoccluded(receiver) > 0.0) {
+                    rays_.push_back({from, (at.point - ray_caster_.origin()).as<float>() - from});
+                }
+            }
+        }
+    }
+
+    std::size_t count() const { return rays_.size(); }
+
+    // The number of rays that are occluded.
+    std::size_t shoot(int threads) const {
+        constexpr std::size_t kGrain = 1024;
+        std::atomic<std::size_t> hits = 0;
+        tbb::task_arena(threads).execute([&] {
+            tbb::parallel_for(
+                tbb::blocked_range<std::size_t>(0, rays_.size(), kGrain), [&](const auto& block) {
+                    std::array<bool, kGrain> occluded;
+                    for (auto i = block.begin(); i < block.end();) {
+                        const std::size_t count = std::min(kGrain, block.end() - i);
+                        const std::span out(occluded.data(), count);
+                        ray_caster_.occluded(std::span(rays_).subspan(i, count), out);
+                        hits += static_cast<std::size_t>(std::ranges::count(out, true));
+                        i += count;
+                    }
+                });
+        });
+        return hits;
+    }
+
+  private:
+    const RayCaster& ray_caster_;
+    std::vector<Ray> rays_;
+};
+
 } // namespace
 
 NB_MODULE(_ray_rate, module) {
@@ -95,4 +147,10 @@ NB_MODULE(_ray_rate, module) {
              nb::keep_alive<1, 2>())
         .def("shoot", &IncoherentRays::shoot, "threads"_a, nb::call_guard<nb::gil_scoped_release>(),
              "Finds every ray's closest hit; returns how many there are.");
+    nb::class_<ShadowRays>(module, "ShadowRays",
+                           "Rays from the vertices of a scene to its luminaires, in memory.")
+        .def(nb::init<const Scene&, std::uint64_t>(), "scene"_a, "seed"_a, nb::keep_alive<1, 2>())
+        .def_prop_ro("count", &ShadowRays::count)
+        .def("shoot", &ShadowRays::shoot, "threads"_a, nb::call_guard<nb::gil_scoped_release>(),
+             "Tells of every ray whether it is occluded; returns how many are.");
 }

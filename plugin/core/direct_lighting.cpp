@@ -26,6 +26,10 @@ constexpr std::uint32_t kHorizonSamples = 64;
 // Edges of shadows that a luminaire's image meets, for each radian of its radius: measured in the
 // office and the hall, 1 to 4.
 constexpr double kEdgesPerRadian = 2.0;
+// Luminaires hang from cords and sit in cans, whose edges are near whatever the distance: as many
+// as meet this angle, rad. A luminaire that looks smaller than the other is a point.
+constexpr double kFixtureAngle = 0.05;
+constexpr double kPointAngle = 1e-4;
 // Variance of the unknown visible share of a luminaire that an edge crosses somewhere: the mean of
 // p (1 - p).
 constexpr double kEdgeVariance = 1.0 / 6.0;
@@ -256,6 +260,9 @@ bool DirectLighting::Gathering::add(std::int32_t luminaire, const LightCluster* 
     const Vec3d to = centre - receiver_.position;
     const double squared = dot(to, to);
     share.angle = squared > radius * radius ? radius / std::sqrt(squared) : 1.0;
+    if (share.angle > kPointAngle) {
+        share.angle += kFixtureAngle;
+    }
     pending_.push_back(static_cast<std::int32_t>(shares_.size()));
     shares_.push_back(share);
     return true;

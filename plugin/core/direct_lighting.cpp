@@ -36,15 +36,14 @@ constexpr double kEdgeVariance = 1.0 / 6.0;
 // Of what n rays that agree miss, times n³: between 1/6 for straight edges along the grid and 4 for
 // corners.
 constexpr double kMissedVariance = 0.5;
-// Totals below this share of the mean illuminance that the luminaires could give are dark.
-constexpr double kDark = 0.1;
+// Of the mean illuminance that the luminaires could give: totals below are dark, and what is above
+// adds nothing to the error allowed, since few bright places would make most of a scene's.
+constexpr double kDark = 0.1, kBright = 4.0;
 // Shares of light whose variance for each shadow ray is at least this part of the largest are
 // refined together.
 constexpr double kRefinedTogether = 0.25;
 // A cluster that may give so much more than from its centre is split unseen.
 constexpr double kNear = 30.0;
-// Of the accuracy, for the differences between a cluster's luminaires.
-constexpr double kUnseenShare = 1.0;
 
 std::uint64_t position_key(const Vec3d& p) {
     return mix64(
@@ -65,10 +64,15 @@ double mean_illuminance(const Scene& scene) {
 DirectLighting::DirectLighting(const Scene& scene, const DirectLightingSettings& settings)
     : scene_(scene), settings_(settings),
       luminaires_(scene.luminaires().begin(), scene.luminaires().end()),
-      least_total_(kDark * mean_illuminance(scene)) {
+      mean_illuminance_(mean_illuminance(scene)) {
     if (luminaires_.size() > kFewLuminaires) {
         tree_.emplace(luminaires_);
     }
+}
+
+double DirectLighting::allowed(double total) const {
+    return settings_.accuracy *
+           std::clamp(total, kDark * mean_illuminance_, kBright * mean_illuminance_);
 }
 
 // Light at one receiver after another; keeps its memory.
@@ -124,7 +128,8 @@ class DirectLighting::Gathering {
     };
 
     void choose_clusters();
-    bool add(std::int32_t luminaire, const LightCluster* cluster, const ClusterIlluminance& bound);
+    bool add(std::int32_t luminaire, double unoccluded, const LightCluster* cluster,
+             const ClusterIlluminance& bound);
     bool add_sampled(const LightCluster& cluster, const ClusterIlluminance& bound);
     void split(std::int32_t share);
     void refine();
@@ -168,7 +173,8 @@ DirectLighting::Gathering::Found DirectLighting::Gathering::gather(const Receive
         choose_clusters();
     } else {
         for (std::size_t i = 0; i < lighting_.luminaires_.size(); ++i) {
-            add(static_cast<std::int32_t>(i), nullptr, {});
+            add(static_cast<std::int32_t>(i), lighting_.luminaires_[i].unoccluded(receiver),
+                nullptr, {});
         }
     }
     cast();
@@ -188,9 +194,7 @@ DirectLighting::Gathering::Found DirectLighting::Gathering::gather(const Receive
     return {sum, static_cast<float>(std::sqrt(variance())), shadow_rays_};
 }
 
-double DirectLighting::Gathering::allowed() const {
-    return lighting_.settings_.accuracy * std::max(direct_ + indirect_, lighting_.least_total_);
-}
+double DirectLighting::Gathering::allowed() const { return lighting_.allowed(direct_ + indirect_); }
 
 // The tree's clusters as far as their luminaires differ in what they may give, before any shadow
 // ray: the largest difference first.
@@ -215,9 +219,8 @@ void DirectLighting::Gathering::choose_clusters() {
         expected += bound.middle;
     };
     const auto enough = [&] {
-        const double total = std::max(expected + indirect_, lighting_.least_total_);
-        const double share = kUnseenShare * lighting_.settings_.accuracy * total;
-        return variance <= share * share;
+        const double most = lighting_.allowed(expected + indirect_);
+        return variance <= most * most;
     };
     open(open, lighting_.tree_->clusters().front());
     while (!open_.empty() && open_.front().variance > 0.0 && !enough()) {
@@ -240,26 +243,23 @@ void DirectLighting::Gathering::choose_clusters() {
     }
 }
 
-// False where it gives no light.
-bool DirectLighting::Gathering::add(std::int32_t luminaire, const LightCluster* cluster,
-                                    const ClusterIlluminance& bound) {
+// unoccluded : lx, of the luminaire alone. False where it gives no light.
+bool DirectLighting::Gathering::add(std::int32_t luminaire, double unoccluded,
+                                    const LightCluster* cluster, const ClusterIlluminance& bound) {
     const LuminaireIlluminance& light = lighting_.luminaires_[luminaire];
     Share share{.luminaire = luminaire, .cluster = cluster};
-    share.expected = share.unoccluded = light.unoccluded(receiver_);
-    Vec3d centre = light.luminaire().position;
-    double radius = light.radius();
     if (cluster != nullptr) {
-        centre = cluster->centre;
-        radius = cluster->radius;
-        share.unoccluded *= cluster->luminous_flux / light.luminaire().luminous_flux;
+        share.unoccluded = unoccluded * cluster->luminous_flux / light.luminaire().luminous_flux;
         share.expected = bound.middle;
         share.geometry = bound.variance();
-    } else if (share.unoccluded == 0.0) {
+        share.angle = bound.angle;
+    } else if (unoccluded > 0.0) {
+        share.unoccluded = share.expected = unoccluded;
+        const double distance = length(light.luminaire().position - receiver_.position);
+        share.angle = distance > light.radius() ? light.radius() / distance : 1.0;
+    } else {
         return false;
     }
-    const Vec3d to = centre - receiver_.position;
-    const double squared = dot(to, to);
-    share.angle = squared > radius * radius ? radius / std::sqrt(squared) : 1.0;
     if (share.angle > kPointAngle) {
         share.angle += kFixtureAngle;
     }
@@ -275,8 +275,9 @@ bool DirectLighting::Gathering::add_sampled(const LightCluster& cluster,
     }
     const auto node = static_cast<std::uint64_t>(&cluster - lighting_.tree_->clusters().data());
     const double u = static_cast<double>(mix64(key_ + mix64(~node)) >> 11) * 0x1p-53;
-    return add(lighting_.tree_->choose(cluster, u), cluster.children[0] >= 0 ? &cluster : nullptr,
-               bound);
+    const std::int32_t luminaire = lighting_.tree_->choose(cluster, u);
+    return add(luminaire, lighting_.luminaires_[luminaire].unoccluded(receiver_),
+               cluster.children[0] >= 0 ? &cluster : nullptr, bound);
 }
 
 // The half that holds the sampled luminaire keeps its shadow ray.
@@ -291,8 +292,10 @@ void DirectLighting::Gathering::split(std::int32_t index) {
     }
     const auto first = static_cast<std::int32_t>(shares_.size());
     const ClusterIlluminance bound = cluster_illuminance(*kept, receiver_);
-    const bool halved =
-        bound.most > 0.0 && add(parent.luminaire, kept->children[0] >= 0 ? kept : nullptr, bound);
+    const double share_of_flux = lighting_.luminaires_[parent.luminaire].luminaire().luminous_flux /
+                                 parent.cluster->luminous_flux;
+    const bool halved = bound.most > 0.0 && add(parent.luminaire, parent.unoccluded * share_of_flux,
+                                                kept->children[0] >= 0 ? kept : nullptr, bound);
     if (halved) {
         Share& s = shares_.back();
         s.samples = s.wanted = parent.samples;

@@ -17,7 +17,7 @@ namespace isolux {
 struct DirectLightingSettings {
     std::uint64_t seed = 0;
     // Standard error of direct light, relative to the total illuminance, at which shadow rays
-    // stop: 1 %.
+    // stop: 1 %. Very dark and very bright places count like less dark and less bright ones.
     double accuracy = 0.01;
 };
 
@@ -41,11 +41,14 @@ class DirectLighting {
   private:
     class Gathering;
 
+    // Standard error, lx, at which shadow rays stop where the total illuminance is so much.
+    double allowed(double total) const;
+
     const Scene& scene_;
     DirectLightingSettings settings_;
     std::vector<LuminaireIlluminance> luminaires_;
     std::optional<LightTree> tree_; // of many luminaires
-    double least_total_;            // lx, below which a total is dark
+    double mean_illuminance_;       // lx, if all light arrived
 };
 
 } // namespace isolux

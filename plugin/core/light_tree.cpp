@@ -145,6 +145,7 @@ ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiv
     const auto cosine = [](double a) { return std::max(0.0, std::min(1.0, a)); }; // 1 for NaN
 
     ClusterIlluminance out;
+    out.angle = std::min(1.0, cluster.radius * per_distance);
     out.middle = cluster.peak_intensity * cosine(height * per_distance) * per_squared;
     out.most = cluster.peak_intensity * cosine((height + up) * nearest) * nearest_squared;
     // Logarithmic derivative of height / distance³, or of height * below / distance⁴.

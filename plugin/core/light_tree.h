@@ -48,6 +48,7 @@ class LightTree {
 // zero where it can give none, and about `middle` if all its light came from its centre.
 struct ClusterIlluminance {
     double most = 0.0, middle = 0.0; // lx
+    double angle = 0.0;              // rad, the cluster's radius as seen from the receiver
     double spread = 0.0;             // relative variance between its luminaires, to first order
 
     // Of the whole by one of its luminaires, chosen by flux, lx².

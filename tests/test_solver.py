@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from usd_scenes.cornell_box.generate import generate as generate_cornell_box
 
 import isolux
 from isolux.schedule import stage_goals
@@ -48,6 +49,13 @@ def test_a_target_error_is_met_at_the_last_stage_and_not_before(scene):
     assert len(stages) >= settings.stages
     assert stages[-1].rms_error <= 0.01
     assert all(stage.rms_error > 0.01 for stage in stages[settings.stages - 1 : -1])
+
+
+def test_radiosity_is_refused_where_it_would_take_minutes(tmp_path):
+    generate_cornell_box(tmp_path / "box.usdc")
+    settings = isolux.SolverSettings(method="ddl+hpr")
+    with pytest.raises(isolux.SettingsError, match=r"ddl\+hpr for 30,582 mesh elements.*4,000"):
+        isolux.ProgressiveSolver(isolux.read_stage(tmp_path / "box.usdc"), settings)
 
 
 def test_cancelling_keeps_the_photons_traced_so_far(scene):

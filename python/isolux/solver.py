@@ -33,6 +33,7 @@ from .components import (
 )
 from .composite import chosen_method, steps
 from .core_scene import build_core_scene, mesh_layouts, require_light_and_surface
+from .errors import SettingsError
 from .progress import SolveProgress, Watch, done_fraction
 from .scene_description import Finding, SceneDescription
 from .schedule import Component, StageGoal, StagePlan
@@ -45,6 +46,8 @@ CHUNK_SECONDS = 0.1
 FIRST_CHUNK_PHOTONS = 1 << 12
 # A one-sided mesh is taken to be turned inside out where so many photons met it, mostly its back.
 INSIDE_OUT_PHOTONS = 100
+# Radiosity's cost grows with the square of the elements, and a reflection can't be interrupted.
+RADIOSITY_ELEMENTS = 4000
 
 
 @dataclass(slots=True)
@@ -87,7 +90,8 @@ class ProgressiveSolver:
     scene : what was read of a stage
     settings : method, stopping criteria, filter, threads
     clock : s; decides which counts the switchover and a time budget choose, and nothing else
-    raises : SceneError where the scene has no mesh or no luminaire
+    raises : SceneError where the scene has no mesh or no luminaire; SettingsError where radiosity
+        is asked for in a scene that is too large for it
     """
 
     def __init__(
@@ -107,6 +111,13 @@ class ProgressiveSolver:
         self._clock = clock
         self._threads = settings.threads or -1  # all
         self._core_scene = build_core_scene(scene, settings, self._threads)
+        elements = self._core_scene.element_count
+        if self.method == "ddl+hpr" and elements > RADIOSITY_ELEMENTS:
+            raise SettingsError(
+                "method",
+                f"ddl+hpr for {elements:,} mesh elements",
+                f"at most {RADIOSITY_ELEMENTS:,}, beyond which a reflection takes minutes",
+            )
         self._layouts = mesh_layouts(scene, self._core_scene)
         self._areas: NDArray[np.float64] = self._core_scene.vertex_areas
         self._photons = PhotonTracing(self._core_scene, settings, self._threads)

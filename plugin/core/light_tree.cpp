@@ -16,6 +16,9 @@ constexpr double kAngleSlack = 1e-6;
 // Relative variance where the horizon passes through a cluster: large.
 constexpr double kUnknownSpread = 1e6;
 
+// A cluster that may give so much more than from its centre is split whatever is allowed.
+constexpr double kNear = 30.0;
+
 double angle_between(const Vec3d& a, const Vec3d& b) {
     return std::atan2(length(cross(a, b)), dot(a, b));
 }
@@ -109,6 +112,44 @@ std::int32_t LightTree::choose(const LightCluster& cluster, double u) const {
     const double flux = *begin + u * (*end - *begin);
     const auto above = std::upper_bound(begin + 1, end, flux);
     return order_[above - cumulative_flux_.begin() - 1];
+}
+
+// The largest variance is split first.
+void LightTree::choose_clusters(const Receiver& receiver,
+                                const std::function<double(double)>& allowed,
+                                std::vector<ChosenCluster>& out) const {
+    out.clear();
+    double variance = 0.0, expected = 0.0;
+    const double least = allowed(0.0);
+    const auto open = [&](const auto& self, const LightCluster& cluster) -> void {
+        const ClusterIlluminance bound = cluster_illuminance(cluster, receiver);
+        if (bound.most == 0.0) {
+            return;
+        }
+        const bool alone = cluster.children[0] < 0;
+        if (!alone && bound.most > kNear * std::max(bound.middle, least)) {
+            self(self, clusters_[cluster.children[0]]);
+            self(self, clusters_[cluster.children[1]]);
+            return;
+        }
+        const double own = alone ? 0.0 : bound.variance();
+        out.push_back({own, bound, &cluster});
+        std::ranges::push_heap(out, {}, &ChosenCluster::variance);
+        variance += own;
+        expected += bound.middle;
+    };
+    open(open, clusters_.front());
+    while (!out.empty() && out.front().variance > 0.0 && std::sqrt(variance) > allowed(expected)) {
+        std::ranges::pop_heap(out, {}, &ChosenCluster::variance);
+        const ChosenCluster parent = out.back();
+        out.pop_back();
+        variance = std::max(0.0, variance - parent.variance);
+        expected -= parent.bound.middle;
+        for (const std::int32_t child : parent.cluster->children) {
+            open(open, clusters_[child]);
+        }
+    }
+    std::ranges::sort(out, {}, [](const ChosenCluster& c) { return c.cluster->first; });
 }
 
 // To first order, or as if even up to the most; few can be that bright [Bhatia & Davis 2000].

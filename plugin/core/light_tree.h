@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -24,6 +25,22 @@ struct LightCluster {
     double reach = 0.0;                  // rad, widest angle from its nadir that a luminaire lights
 };
 
+// Illuminance that a cluster may give a receiver if nothing is in the way: no more than `most`,
+// zero where it can give none, and about `middle` if all its light came from its centre.
+struct ClusterIlluminance {
+    double most = 0.0, middle = 0.0; // lx
+    double angle = 0.0;              // rad, the cluster's radius as seen from the receiver
+    double spread = 0.0;             // relative variance between its luminaires, to first order
+
+    // Of the whole by one of its luminaires, chosen by flux, lx².
+    double variance() const;
+};
+struct ChosenCluster {
+    double variance; // lx²
+    ClusterIlluminance bound;
+    const LightCluster* cluster;
+};
+
 class LightTree {
   public:
     explicit LightTree(std::span<const LuminaireIlluminance> luminaires);
@@ -32,6 +49,11 @@ class LightTree {
     std::span<const LightCluster> clusters() const { return clusters_; }
     // A luminaire of the cluster by luminous flux, u uniform in [0, 1).
     std::int32_t choose(const LightCluster& cluster, double u) const;
+    // All that may light the receiver, in the tree's order, in clusters whose luminaires differ so
+    // little in what they may give that the square root of the sum of their variances is allowed,
+    // lx, as a function of the illuminance expected of them all, lx.
+    void choose_clusters(const Receiver& receiver, const std::function<double(double)>& allowed,
+                         std::vector<ChosenCluster>& out) const;
     // Its place in the tree's order.
     std::int32_t place(std::int32_t luminaire) const { return places_[luminaire]; }
 
@@ -44,16 +66,6 @@ class LightTree {
     std::vector<double> cumulative_flux_; // lm, in the tree's order, from 0
 };
 
-// Illuminance that a cluster may give a receiver if nothing is in the way: no more than `most`,
-// zero where it can give none, and about `middle` if all its light came from its centre.
-struct ClusterIlluminance {
-    double most = 0.0, middle = 0.0; // lx
-    double angle = 0.0;              // rad, the cluster's radius as seen from the receiver
-    double spread = 0.0;             // relative variance between its luminaires, to first order
-
-    // Of the whole by one of its luminaires, chosen by flux, lx².
-    double variance() const;
-};
 ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiver& receiver);
 
 } // namespace isolux

@@ -27,8 +27,8 @@ constexpr double kFewPhotons = 8.0;
 } // namespace
 
 void SupportSelection::push(float squared_distance, Candidate candidate) {
-    // The float's exponent and one bit of its mantissa.
-    const std::size_t shell = std::bit_cast<std::uint32_t>(squared_distance * scale_) >> 22;
+    // The float's exponent and two bits of its mantissa.
+    const std::size_t shell = std::bit_cast<std::uint32_t>(squared_distance * scale_) >> 21;
     auto& first = shells_[std::clamp(shell, shell_, kShells - 1)];
     candidate.next = first;
     first = static_cast<std::int32_t>(candidates_.size());
@@ -182,9 +182,6 @@ EachHalf<SupportSelection::Growth> SupportSelection::grow(std::uint32_t rank,
         if (taken.area > judged_area * kAreaStep) {
             judge_all();
         }
-    }
-    if (taken.area > judged_area) {
-        judge_all();
     }
     for (auto& path : growths) {
         for (Growth& growth : path) {

@@ -77,8 +77,8 @@ class SupportSelection {
         double area;            // m²
         std::int32_t next;      // in the list; -1: none
     };
-    // The squared distance doubles every other shell.
-    static constexpr std::size_t kShells = 256;
+    // The squared distance doubles every fourth shell: the float's exponent and two bits.
+    static constexpr std::size_t kShells = 520;
 
     EachHalf<Growth> grow(std::uint32_t rank, std::array<bool, 2> wanted, Reach reach);
     void open(const VertexCell& cell);

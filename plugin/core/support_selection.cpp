@@ -11,7 +11,7 @@ namespace {
 // A vertex of another surface is coplanar where it is seen within 5° of the tangent plane.
 const float kPlaneSine = std::sin(5.0F * std::numbers::pi_v<float> / 180.0F);
 // Supports are judged each time a shell has been taken and their area has grown by this factor.
-constexpr double kAreaStep = 1.2;
+constexpr double kAreaStep = 1.3;
 // A cell is taken as one from this many times its radius on.
 constexpr float kFar = 3.0F;
 // Departure: so many cells of other surfaces are looked at, where the paper sets no bound: it keeps

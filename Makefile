@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 PYTHON ?= /usr/bin/python3
 PIP := $(BIN)/pip install -q --disable-pip-version-check
 APT_PACKAGES := g++ cmake ninja-build python3-venv python3-dev \
-	libembree-dev libosd-dev libtbb-dev
+	libembree-dev libnanoflann-dev libosd-dev libtbb-dev
 SUDO := $(if $(filter 0,$(shell id -u)),,sudo)
 
 COMPILED := CMakeLists.txt $(shell find plugin schema/generated -type f)

@@ -154,9 +154,12 @@ class Builder {
         const RadiosityNode node = out_.nodes[at];
         const bool small = node.area <= 2.0 * leaf_area_;
         if (small) {
-            const int corners = hidden_corners(node);
-            if (extra == kExtraSplits || corners % 4 == 0) {
-                out_.nodes[at].hidden = corners == 4;
+            const InView view = in_view(node);
+            if (extra == kExtraSplits || view.count % 4 == 0) {
+                out_.nodes[at].hidden = view.count == 0;
+                if (view.count > 0 && !view.middle) {
+                    move_centre(out_.nodes[at], view.mean);
+                }
                 out_.leaves.push_back(at);
                 return;
             }
@@ -176,13 +179,37 @@ class Builder {
         }
     }
 
-    // Of the middle and three points near the corners, how many are hidden.
-    int hidden_corners(const RadiosityNode& node) const {
-        int out = hidden(node, node.centre) ? 1 : 0;
-        for (const Vec3d& p : node.corners) {
-            out += hidden(node, node.centre + (p - node.centre) * kNearCorner) ? 1 : 0;
+    // The middle of a triangle and three points near its corners, as far as light reaches them.
+    struct InView {
+        int count = 0;
+        bool middle = false;
+        Vec3d mean;
+    };
+    InView in_view(const RadiosityNode& node) const {
+        InView out;
+        out.middle = !hidden(node, node.centre);
+        if (out.middle) {
+            out.count = 1;
+            out.mean = node.centre;
         }
+        for (const Vec3d& p : node.corners) {
+            const Vec3d at = node.centre + (p - node.centre) * kNearCorner;
+            if (!hidden(node, at)) {
+                ++out.count;
+                out.mean += at;
+            }
+        }
+        out.mean = out.mean * (1.0 / std::max(1, out.count));
         return out;
+    }
+
+    // What is seen of a leaf is as bright as where it is seen, not as under what stands on it.
+    static void move_centre(RadiosityNode& node, const Vec3d& to) {
+        node.centre = to;
+        node.radius = 0.0;
+        for (const Vec3d& p : node.corners) {
+            node.radius = std::max(node.radius, length(p - to));
+        }
     }
 
     // All that a point of a triangle sees is near, or the black back of a mesh.

@@ -16,7 +16,7 @@ namespace isolux {
 // of such sides, its children two in a row.
 struct RadiosityNode {
     Triangle corners;         // m; of a triangle only
-    Vec3d centre;             // m, area-weighted
+    Vec3d centre;             // m, area-weighted; of a leaf that is partly hidden, in view
     Vec3d normal;             // unit; of a cluster the mean
     double area = 0.0;        // m²
     double radius = 0.0;      // m, about the centre, of all that it holds

@@ -109,6 +109,25 @@ def test_between_wide_plates_light_comes_from_the_other_plate_alone():
     assert found["illuminance"][:, 0] == pytest.approx(expected, rel=ACCURACY)
 
 
+def test_the_foot_of_a_block_takes_half_of_the_light_of_its_floor():
+    """A wall's foot sees the floor in a quarter of the sphere, which is a form factor of 1/2."""
+    turn = np.radians(20.0)
+    across = np.array([(np.cos(turn), -np.sin(turn)), (np.sin(turn), np.cos(turn))])  # in x, z
+    floor = surface(rectangle((-2, 0, -2), (0, 0, 4), (4, 0, 0), 4.0), 0.5)
+    block = surface(box((1, 1, 1), 1.0).turned(y=20).moved(y=0.5), 0.0)
+    radiosity = _core.ProgressiveRadiosity(build([floor, block], [luminaire(at=(0, 3, 0))]), 1, 0.02)
+    positions, _ = radiosity.receivers()
+    covered = (np.abs(positions[:, [0, 2]] @ across.T) < 0.5).all(axis=1)
+    radiosity.begin(np.outer((positions[:, 1] == 0) & ~covered, np.full(3, 100.0, np.float32)))
+    along = np.linspace(-0.45, 0.45, 19)
+    for side in (across[0], across[1], -across[0], -across[1]):
+        x, z = (0.5 * side[:, None] + along * np.array([[-side[1]], [side[0]]])).reshape(2, -1)
+        points = np.stack([x, np.full_like(x, 1e-3), z], axis=1)
+        normals = np.tile(np.array([side[0], 0, side[1]], np.float32), (len(x), 1))
+        found = radiosity.indirect(points, normals, 2)["illuminance"][:, 0]
+        assert found.mean() == pytest.approx(0.5 * 50.0, rel=0.03)
+
+
 def test_flux_that_is_shot_is_received_or_lost():
     """A room with one wall missing: what is not received leaves by the opening."""
     closed = box((4, 3, 5), 10.0).flipped()

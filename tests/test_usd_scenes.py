@@ -20,6 +20,8 @@ from usd_scenes.hall.generate import generate as generate_hall
 from usd_scenes.office.generate import generate as generate_office
 from usd_scenes.photometry import generate as photometry
 from usd_scenes.spot_room.generate import generate as generate_spot_room
+from usd_scenes.study.generate import COARSE_STEP, STEP
+from usd_scenes.study.generate import generate as generate_study
 
 from isolux.stage_reader import read_stage
 
@@ -30,13 +32,15 @@ GENERATORS = {
     "spot_room": generate_spot_room,
     "cornell_box": generate_cornell_box,
     "hall": lambda path: generate_hall(path, luminaires=33, density=0.5),
+    "study": generate_study,
 }
 
-# Meshes that bound no solid: walls and panes seen from one side, canvases, the rug, boxes that
-# stand on the floor without a bottom.
+# Meshes that bound no solid: walls and panes seen from one side, canvases, the rug, boxes without
+# the side that touches floor or wall.
 OPEN_MESHES = {
     *("Floor", "Ceiling", "BackWall", "FrontWall", "RightWall", "LeftWall"),
     *("Reveals", "Glass", "Canvas", "Rug", "ShortBox", "TallBox"),
+    *("Desk", "Sofa", "Cupboard", "LowShelf", "HighShelf"),
 }
 
 
@@ -184,6 +188,29 @@ def test_the_cornell_box_is_read_whole(stages: dict[str, Usd.Stage]) -> None:
     assert triangles == pytest.approx(30_000, rel=0.05)
     [light] = scene.luminaires
     assert light.luminous_flux == pytest.approx(CORNELL_FLUX, rel=1e-3)
+
+
+def test_the_study_is_the_same_room_in_few_polygons_or_many(tmp_path: Path) -> None:
+    polygons, area = {}, {}
+    for step in (COARSE_STEP, STEP):
+        generate_study(tmp_path / "study.usdc", step)
+        scene = read_stage(tmp_path / "study.usdc")
+        assert scene.findings == ()
+        assert [round(light.luminous_flux) for light in scene.luminaires] == [
+            1300,
+            620,
+            620,
+            600,
+            700,
+        ]
+        polygons[step] = sum(len(mesh.face_vertex_counts) for mesh in scene.meshes)
+        area[step] = 0.0
+        for mesh in scene.meshes:
+            p = mesh.points[mesh.face_vertex_indices.reshape(-1, 4)]
+            edges = p[:, 1] - p[:, 0], p[:, 3] - p[:, 0]
+            area[step] += float(np.linalg.norm(np.cross(*edges), axis=1).sum())
+    assert polygons[COARSE_STEP] < 500 < 20_000 < polygons[STEP]
+    assert area[STEP] == pytest.approx(area[COARSE_STEP])
 
 
 def test_expected_values_are_those_of_the_closed_forms() -> None:

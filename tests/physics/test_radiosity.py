@@ -110,12 +110,13 @@ def test_between_wide_plates_light_comes_from_the_other_plate_alone():
 
 
 def test_the_foot_of_a_block_takes_half_of_the_light_of_its_floor():
-    """A wall's foot sees the floor in a quarter of the sphere, which is a form factor of 1/2."""
+    """The form factor from the foot of a wall to a wide floor is 1/2."""
     turn = np.radians(20.0)
     across = np.array([(np.cos(turn), -np.sin(turn)), (np.sin(turn), np.cos(turn))])  # in x, z
     floor = surface(rectangle((-2, 0, -2), (0, 0, 4), (4, 0, 0), 4.0), 0.5)
     block = surface(box((1, 1, 1), 1.0).turned(y=20).moved(y=0.5), 0.0)
-    radiosity = _core.ProgressiveRadiosity(build([floor, block], [luminaire(at=(0, 3, 0))]), 1, 0.02)
+    scene = build([floor, block], [luminaire(at=(0, 3, 0))])
+    radiosity = _core.ProgressiveRadiosity(scene, 1, ACCURACY)
     positions, _ = radiosity.receivers()
     covered = (np.abs(positions[:, [0, 2]] @ across.T) < 0.5).all(axis=1)
     radiosity.begin(np.outer((positions[:, 1] == 0) & ~covered, np.full(3, 100.0, np.float32)))

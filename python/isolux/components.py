@@ -6,7 +6,6 @@ illumination vertex, V of them; illuminance is lx by channel (linear Rec. 709).
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 
@@ -117,8 +116,10 @@ class DirectLight:
         self._normals: Array = scene.vertex_normals
         self.shadow_rays = 0
 
-    def estimated_seconds(self, clock: Callable[[], float] = time.perf_counter) -> float:
+    def estimated_seconds(self, indirect: Array, clock: Callable[[], float]) -> float:
         """T_i0, s: what all vertices will take, by lighting a few of them.
+
+        indirect : (V,) lx, zeros where it isn't known
 
         Departure: the paper estimates it from the pilot's ray rate and a guess of the shadow rays;
         with many luminaires most are culled, which no guess knows.
@@ -128,7 +129,7 @@ class DirectLight:
         self._lighting.illuminate(
             np.ascontiguousarray(self._positions[few]),
             np.ascontiguousarray(self._normals[few]),
-            np.zeros(0, np.float32),
+            np.ascontiguousarray(indirect[few]),
             self._threads,
         )
         return (clock() - started) * len(self._positions) / max(1, len(self._positions[few]))

@@ -99,6 +99,8 @@ def _start(run: Run, room: int) -> Iterator[StagePlan]:
     run.trace_until(StageGoal(bound, before + pilot_seconds(first_iteration), False), "DEPT")
     pilot, pilot_photons = run.elapsed - before, run.photons
     yield StagePlan("DEPT", run.photons, shown=room >= 2)
+    # Beside the pilot's indirect light fewer shadow rays are needed than without it.
+    first_iteration = run.first_iteration_seconds()
     until = switchover_photons(pilot_photons, pilot, run.indirect_error, first_iteration)
     if min(until, bound) > run.photons:
         seconds = run.settings.time_budget or math.inf

@@ -231,9 +231,11 @@ class ProgressiveSolver:
         return self._finishing.get(component, 0.0)
 
     def first_iteration_seconds(self) -> float:
-        """T_i0, s, of direct lighting, estimated."""
+        """T_i0, s, of direct lighting, estimated beside the indirect light that is known."""
         started = self._clock()
-        self._finishing["DDL"] = self._direct.estimated_seconds(self._clock)
+        self._finishing["DDL"] = self._direct.estimated_seconds(
+            photometric(self._light.indirect), self._clock
+        )
         self.elapsed += self._clock() - started
         return self._finishing["DDL"]
 

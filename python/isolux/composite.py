@@ -13,7 +13,7 @@ from typing import Protocol
 from .scene_description import SceneDescription
 from .schedule import Component, StageGoal, StagePlan, stage_goals
 from .settings import Method, SolverSettings
-from .switchover import pilot_seconds, switchover_photons
+from .switchover import LEAST_PILOT_SECONDS, pilot_seconds, switchover_photons
 
 # Below so many polygons radiosity is the faster way to the indirect light [Volevich 2000, §3.2].
 RADIOSITY_POLYGONS = 500
@@ -74,7 +74,7 @@ def steps(method: Method, run: Run) -> Iterator[StagePlan]:
     late_stages = run.settings.stages - _direct_stages(run.settings)
     if method == "composite" and run.reflects:
         yield from _start(run, late_stages - 1)
-        late_stages = max(1, late_stages - 2)
+        late_stages = max(1, late_stages - 3)
         if not _time_for_direct(run):
             yield from _photon_steps(run, "DEPT", 1)
             return
@@ -94,14 +94,16 @@ def steps(method: Method, run: Run) -> Iterator[StagePlan]:
 def _start(run: Run, room: int) -> Iterator[StagePlan]:
     """Photons until T1. room : how many stages there may be."""
     bound = run.settings.photons or math.inf
-    first_iteration = run.first_iteration_seconds()
-    before = run.elapsed
-    run.trace_until(StageGoal(bound, before + pilot_seconds(first_iteration), False), "DEPT")
-    pilot, pilot_photons = run.elapsed - before, run.photons
+    # A first look, at once; beside its indirect light direct lighting is timed.
+    run.trace_until(StageGoal(bound, run.elapsed + LEAST_PILOT_SECONDS, False), "DEPT")
     yield StagePlan("DEPT", run.photons, shown=room >= 2)
-    # Beside the pilot's indirect light fewer shadow rays are needed than without it.
     first_iteration = run.first_iteration_seconds()
-    until = switchover_photons(pilot_photons, pilot, run.indirect_error, first_iteration)
+    missing = pilot_seconds(first_iteration) - run.photons * run.seconds_per_photon
+    if missing > 0 and run.photons < bound:
+        run.trace_until(StageGoal(bound, run.elapsed + missing, False), "DEPT")
+        yield StagePlan("DEPT", run.photons, shown=room >= 3)
+    pilot = run.photons * run.seconds_per_photon
+    until = switchover_photons(run.photons, pilot, run.indirect_error, first_iteration)
     if min(until, bound) > run.photons:
         seconds = run.settings.time_budget or math.inf
         run.trace_until(StageGoal(min(until, bound), seconds, False), "DEPT")

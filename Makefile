@@ -10,7 +10,7 @@ SUDO := $(if $(filter 0,$(shell id -u)),,sudo)
 COMPILED := CMakeLists.txt $(shell find plugin schema/generated -type f)
 CPP := $(shell find plugin -name '*.cpp' -o -name '*.h')
 
-DEMO_PHOTONS := 4000000
+DEMO_SECONDS := 20
 
 .PHONY: help setup build demo test lint format bench wheel clean
 
@@ -42,7 +42,8 @@ $(VENV)/.built: $(VENV)/.packages $(COMPILED)
 demo: build
 	@mkdir -p demo
 	$(BIN)/python -m usd_scenes.office.generate demo/office.usdc
-	$(BIN)/isolux solve demo/office.usdc -o demo/office.isolux.usda --photons $(DEMO_PHOTONS)
+	$(BIN)/isolux solve demo/office.usdc -o demo/office.isolux.usda --output-mode refined \
+		--time-budget $(DEMO_SECONDS)
 	$(BIN)/python tools/contact_sheet.py demo/office.isolux.usda demo/contact_sheet.png
 	$(BIN)/isolux render demo/office.isolux.usda -o demo/office.png --width 1280
 	@echo
@@ -69,6 +70,12 @@ format: build
 bench: build
 	CMAKE_ARGS=-DISOLUX_BENCHMARK=ON $(PIP) --no-build-isolation -e ".[bench]"
 	$(BIN)/python tools/benchmark.py
+	$(BIN)/python -m usd_scenes.cornell_box.generate build/bench/cornell_box.usdc
+	$(BIN)/python -m usd_scenes.office.generate build/bench/office.usdc
+	$(BIN)/python -m usd_scenes.hall.generate build/bench/hall.usdc --luminaires 600
+	$(BIN)/python tools/method_curves.py build/bench/cornell_box.usdc build/bench/office.usdc \
+		build/bench/hall.usdc --methods composite,dept,ddl+idept --seeds 2 --time-budget 20 \
+		--cpu-time --figure tools/speed_against_error.png
 
 wheel: build
 	$(PIP) build

@@ -1,13 +1,12 @@
 """Measures speed and error of the solver on the demo's office at two densities: `make bench`.
 
-    python tools/benchmark.py [--quick] [--only rates,run,filter,curve] [--threads N]
+    python tools/benchmark.py [--quick] [--only rates,run,filter] [--threads N]
 
 rates   photon surface events against Embree's bare closest hits of diffuse rays on the same tree,
         slice by slice in turns, and the filter's time after one second of photon tracing; shadow
         rays of direct light against Embree's bare occlusion of rays to the same luminaires
 run     phases of a run, time to the first results on disk, memory
 filter  true error of buckets, paper filter and corrected filter by number of photons
-curve   reported and true error over time, as CSV and figure
 
 Ratios within one run are what counts: on a shared machine the rates themselves come and go.
 """
@@ -20,19 +19,15 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from bench_report import commit, cpu_name, print_table
 from convergence import (
-    CurvePoint,
     bucket_illuminance,
-    error_curve,
-    plot_curve,
     trace,
-    write_curve,
 )
 from numpy.typing import NDArray
 from reference import INDIRECT, TOTAL, PathTracedReference, path_traced_reference
@@ -41,7 +36,7 @@ from solve_runs import phase_seconds, run_solve, seconds_of
 from isolux import _core, _ray_rate
 from isolux.core_scene import build_core_scene
 from isolux.scene_description import SceneDescription
-from isolux.settings import Method, SolverSettings
+from isolux.settings import SolverSettings
 from isolux.stage_reader import read_stage
 
 ROOT = Path(__file__).parents[1]
@@ -49,11 +44,10 @@ FOLDER = ROOT / "build/bench"
 sys.path.insert(0, str(ROOT))  # the scene generators
 from usd_scenes.office.generate import generate  # noqa: E402
 
-REAL_STAGE = ROOT.parent / "shared/inputs/usd/dw218192+diffpt-warp/stages/cornell_sphere.usda"
 WORTH_A_LOOK = 0.15  # RMS error of a picture that tells how the room will look
 RAY_SEED = 1
 DIRECT_ACCURACY = 0.01
-MEASURES = ("rates", "run", "filter", "curve")
+MEASURES = ("rates", "run", "filter")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +58,6 @@ class Effort:
     slice_rays : rays and photon events of a slice, of about 0.1 s
     budget : s, of the run whose phases are shown
     filter_photons : of the rows of the filter table
-    curve_budget : s, of the runs whose errors are shown
-    curve_methods : and whose methods
     reference_batches : of the path-traced reference
     """
 
@@ -74,8 +66,6 @@ class Effort:
     slices: int
     budget: float
     filter_photons: tuple[int, ...]
-    curve_budget: float
-    curve_methods: tuple[Method, ...]
     reference_batches: int
 
 
@@ -86,8 +76,6 @@ FULL = Effort(
     slices=15,
     budget=5.0,
     filter_photons=tuple(1 << k for k in (14, 16, 18, 20, 22)),
-    curve_budget=20.0,
-    curve_methods=("composite", "dept"),
     reference_batches=8,
 )
 
@@ -337,50 +325,6 @@ def measure_filter(scene: BenchmarkScene, effort: Effort, threads: int) -> None:
     )
 
 
-def measure_curve(
-    scenes: Sequence[BenchmarkScene],
-    effort: Effort,
-    provenance: dict[str, str | int],
-    csv: Path,
-    figure: Path,
-) -> None:
-    """Error over time, true and as reported."""
-    settings = SolverSettings(threads=int(provenance["threads"]), stages=10)
-    settings = settings.with_budget(time_budget=effort.curve_budget)
-    points: list[CurvePoint] = []
-    for scene in scenes:
-        reference = scene.reference(effort)
-        for method in effort.curve_methods:
-            of_method = replace(settings, method=method)
-            points += error_curve(scene.name, scene.scene, reference, of_method)
-    rows = [
-        [
-            point.scene,
-            point.method,
-            point.component,
-            f"{point.seconds:.2f}",
-            f"{point.photons:,}",
-            f"{point.true_error:.1%}",
-            f"{point.reported_error:.1%}",
-            f"{point.true_error_indirect:.1%}",
-            f"{point.reported_error_indirect:.1%}",
-        ]
-        for point in points
-    ]
-    columns = [
-        *("scene", "method", "made by", "s", "photons", "true", "reported", "indirect", "reported"),
-    ]
-    print_table("RMS error over time", columns, rows)
-    shown = ("time_budget", "stages", "filter_accuracy", "filter_sharing", "filter_interval")
-    with_settings = {
-        **provenance,
-        "settings": "; ".join(f"{name}={getattr(settings, name)}" for name in shown),
-    }
-    write_curve(csv, points, with_settings)
-    plot_curve(figure, points, "{cpu}, {threads} threads, commit {commit}".format(**provenance))
-    print(f"\n{csv}\n{figure}")
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument(
@@ -388,19 +332,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--only", default=",".join(MEASURES), help="measures, comma-separated")
     parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)))
-    parser.add_argument("--csv", type=Path, default=FOLDER / "speed_against_error.csv")
-    parser.add_argument("--figure", type=Path, default=FOLDER / "speed_against_error.png")
     options = parser.parse_args(arguments)
     only = options.only.split(",")
     if unknown := set(only) - set(MEASURES):
         parser.error(f"no measure {', '.join(unknown)}; there are {', '.join(MEASURES)}")
     effort = QUICK if options.quick else FULL
-    for path in (FOLDER / "x", options.csv, options.figure):
-        path.parent.mkdir(parents=True, exist_ok=True)
+    FOLDER.mkdir(parents=True, exist_ok=True)
 
     threads = options.threads
-    provenance = {"commit": commit(), "cpu": cpu_name(), "threads": threads}
-    print("{cpu}, {threads} threads, commit {commit}".format(**provenance))
+    print(f"{cpu_name()}, {threads} threads, commit {commit()}")
     offices = []
     for density in effort.densities if {"rates", "run"} & set(only) else effort.densities[:1]:
         path = FOLDER / f"office_{density:g}.usdc"
@@ -412,11 +352,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         measure_runs(offices, effort, threads)
     if "filter" in only:
         measure_filter(offices[0], effort, threads)
-    if "curve" in only:
-        scenes = offices[:1]
-        if REAL_STAGE.exists() and not options.quick:
-            scenes.append(BenchmarkScene.read(REAL_STAGE.stem, REAL_STAGE, threads))
-        measure_curve(scenes, effort, provenance, options.csv, options.figure)
 
 
 if __name__ == "__main__":

@@ -4,9 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from pxr import Usd, UsdGeom
 from usd_scenes.cornell_box.generate import generate as generate_cornell_box
 
 import isolux
+from isolux.results import ResultsWriter
 from isolux.schedule import stage_goals
 from small_room import write_room
 
@@ -100,3 +102,41 @@ def test_settings_of_the_stage_hold_unless_others_are_given(tmp_path):
     assert [s.stage.photons for s in isolux.solve(room)] == [250, 500]
     given = isolux.SolverSettings(method="dept", target_error=0.0, photons=90, stages=1)
     assert [s.stage.photons for s in isolux.solve(room, given)] == [90]
+
+
+def test_the_mesh_can_be_refined_later_by_another_threshold(tmp_path):
+    """Stricter: vertices come. As before: they go, and leave the very same mesh."""
+    source = write_room(tmp_path / "room.usda")
+    settings = isolux.SolverSettings(
+        method="ddl+hpr", output_mode="refined", subdivision_iterations=2
+    )
+    solver = isolux.ProgressiveSolver(isolux.read_stage(source), settings)
+    for _ in solver.stages():
+        pass
+    coarse, fine, again = solver.refine(0.05, 2), solver.refine(0.01, 3), solver.refine(0.05, 2)
+    assert fine.stage.elements > coarse.stage.elements
+    assert fine.stage.shadow_rays > coarse.stage.shadow_rays
+    assert again.stage.shadow_rays == fine.stage.shadow_rays  # all samples were known
+    assert (again.refined.elements == coarse.refined.elements).all()
+    assert (again.direct == coarse.direct).all()
+
+    writer = ResultsWriter(source, tmp_path / "out.usda", solver.scene, {})
+    for solution in (coarse, fine, again):
+        writer.write(solution)
+    stage = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/World/Floor"))
+    primvar = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("isolux:direct")
+    times = primvar.GetTimeSamples()
+    assert len(times) == 3
+    first, second, third = (np.array(primvar.ComputeFlattened(time)) for time in times)
+    assert len(first) == len(mesh.GetPointsAttr().Get())
+    assert first.shape == second.shape == third.shape
+    # Vertices of another mesh are lost to a stage, those of the scene never.
+    np.testing.assert_array_equal(first[:4], third[:4])
+
+
+def test_refining_wants_direct_light(scene):
+    settings = isolux.SolverSettings(method="dept", target_error=0, photons=1000)
+    solver = isolux.ProgressiveSolver(scene, settings)
+    with pytest.raises(isolux.SettingsError, match="no direct light yet"):
+        solver.refine(0.01, 3)

@@ -72,13 +72,17 @@ class VertexIlluminance:
     relative_deviation: NDArray[np.float32]
     adaptation_luminance: float
 
-    def on(self, refined: RefinedMesh) -> VertexIlluminance:
-        """The same on a mesh with more split vertices."""
+    def on(self, refined: RefinedMesh, known: int | None = None) -> VertexIlluminance:
+        """The same on another refined mesh.
+
+        known : how many vertices, from the first on, it shares with that of this stage; None: all
+        """
+        shared = slice(known)
         return VertexIlluminance(
             self.time_code,
-            refined.interpolate(self.direct),
-            refined.interpolate(self.indirect),
-            refined.interpolate(self.relative_deviation),
+            refined.interpolate(self.direct[shared]),
+            refined.interpolate(self.indirect[shared]),
+            refined.interpolate(self.relative_deviation[shared]),
             self.adaptation_luminance,
         )
 

@@ -233,6 +233,7 @@ class ResultsWriter:
         """Put all stages so far on this refinement."""
         if self._refined is not None and np.array_equal(refined.elements, self._refined.elements):
             return
+        known = None if self._refined is None else refined.common_vertices(self._refined)
         self._refined = refined
         topologies = refined_topologies(
             self._scene.meshes, layouts, refined, also=self._refined_paths
@@ -243,7 +244,7 @@ class ResultsWriter:
                 self._scene.meshes, layouts, refined, also={*topologies, *borrowers}
             )
         self._refined_paths = set(topologies)
-        self._stages = [stage.on(refined) for stage in self._stages]
+        self._stages = [stage.on(refined, known) for stage in self._stages]
         self.findings = []
         for mesh in self._scene.meshes:
             if mesh.path in topologies:

@@ -79,8 +79,8 @@ class RefinedMesh:
 
     Vertices are the scene's V illumination vertices, then S split vertices, each on the line
     between two vertices before it, so that linear interpolation from its parents gives any
-    function of the coarser mesh unchanged. A later mesh of the same run begins with all split
-    vertices of an earlier one.
+    function of the coarser mesh unchanged. The mesh of a later iteration begins with all split
+    vertices of an earlier one; with another threshold they may part.
 
     vertex_count : V
     split_parents : (S, 2) int32, the two vertices between which each split vertex lies
@@ -101,6 +101,13 @@ class RefinedMesh:
     elements: NDArray[np.int32]
     element_parents: NDArray[np.int32]
     barycentrics: NDArray[np.float64]
+
+    def common_vertices(self, other: RefinedMesh) -> int:
+        """How many vertices, from the first on, are the same in both meshes: V at least."""
+        count = min(len(self.split_fraction), len(other.split_fraction))
+        same = (self.split_parents[:count] == other.split_parents[:count]).all(axis=1)
+        same &= self.split_fraction[:count] == other.split_fraction[:count]
+        return self.vertex_count + (count if same.all() else int(same.argmin()))
 
     def interpolate(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Values of the first n >= V vertices, (n,) or (n, C), carried on to all V + S."""

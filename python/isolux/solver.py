@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -125,7 +125,7 @@ class ProgressiveSolver:
         self._light = _Illumination.dark(len(self._areas))
         self._filtered: FilteredLight | None = None
         self._bucket_errors = BucketErrors()
-        self._mesh: AdaptiveMesh
+        self._mesh: AdaptiveMesh | None = None
         self._gather: SparseGather | None = None
         self._radiosity: Radiosity | None = None
         self._refined: tuple[RefinedMesh, Array, Array] | None = None
@@ -178,6 +178,27 @@ class ProgressiveSolver:
                 yield solution
                 if cancelled() or (not replay and self._target_met(step, solution.stage)):
                     return
+
+    def refine(self, threshold: float, iterations: int) -> Solution:
+        """The light as it stands on an adaptive mesh of another threshold, as one more stage.
+
+        Nothing is computed again: samples that are known are tested by the new threshold, so that
+        vertices come where it is stricter and go where it is looser.
+
+        threshold : difference of displayed brightness that may be lost; 1: black to white
+        raises : SettingsError for a value out of its range, or before there is direct light
+        """
+        replace(self.settings, subdivision_threshold=threshold, subdivision_iterations=iterations)
+        if self._switchover[2] == 0:
+            raise SettingsError("refine", "no direct light yet", "a stage after T2")
+        started = self._clock()
+        mesh = self._begin_refinement(threshold)
+        for _ in range(iterations):
+            if not mesh.iterate(self._direct, lambda share: None):
+                break
+        self._refined = mesh.mesh()
+        self.elapsed += self._clock() - started
+        return self._solution("DDL")
 
     def findings(self) -> tuple[Finding, ...]:
         """What photons find out about the stage, beside `scene.findings`."""
@@ -285,22 +306,25 @@ class ProgressiveSolver:
                 light.indirect_rms = 0.0
             return
         if step.iteration == 1:
-            self._begin_refinement()
+            self._begin_refinement(self.settings.subdivision_threshold)
+        assert self._mesh is not None
         self._mesh.iterate(self._direct, lambda share: self._working("DDL"))
         self._refined = self._mesh.mesh()
 
-    def _begin_refinement(self) -> None:
+    def _begin_refinement(self, threshold: float) -> AdaptiveMesh:
         light = self._light
-        self._mesh = AdaptiveMesh(self._core_scene)
+        if self._mesh is None:
+            self._mesh = AdaptiveMesh(self._core_scene)
         adaptation = SceneAdaptation(self.scene.meshes, self._layouts)
         self._mesh.begin(
             light.direct,
             light.direct_error,
             light.indirect,
             adaptation.luminance(light.direct + light.indirect, self._areas),
-            self.settings.subdivision_threshold,
+            threshold,
             self._filtered,
         )
+        return self._mesh
 
     def _filter_indirect(self, step: StagePlan) -> None:
         """IDEPT: the photons' indirect light beside deterministic direct light."""

@@ -95,13 +95,19 @@ void SparseGather::trace(std::span<const std::int32_t> records, std::uint32_t fa
 
 // The variance of n points of a sequence falls as n^-slope. The squared difference of its halves
 // over 4 has the mean Var(n/2) - Var(n), that of its quarters Var(n/4) - Var(n/2).
+// Rays that a record is thought to have beside its own, of the variance of all records: one whose
+// few rays missed the one bright spot that it sees would look exact.
+constexpr double kPooledRays = 4.0;
+
 void SparseGather::estimate_noise() {
-    double halves = 0.0, quarters = 0.0, independent = 0.0;
+    double halves = 0.0, quarters = 0.0, independent = 0.0, pooled = 0.0;
     for (const GatherRecord& r : records_) {
         halves += r.half_square;
         quarters += r.quarter_square;
         independent += r.ray_variance / r.rays();
+        pooled += r.ray_variance;
     }
+    pooled_variance_ = records_.empty() ? 0.0 : pooled / static_cast<double>(records_.size());
     if (halves > 0.0 && independent > 0.0) {
         const double slope = std::clamp(std::log2(quarters / halves), 1.0, 2.0);
         noise_share_ = std::min(1.0, halves / (std::exp2(slope) - 1.0) / independent);
@@ -109,7 +115,10 @@ void SparseGather::estimate_noise() {
 }
 
 double SparseGather::noise(const GatherRecord& record) const {
-    return noise_share_ * record.ray_variance / record.rays();
+    const double n = record.rays();
+    const double variance =
+        (n * record.ray_variance + kPooledRays * pooled_variance_) / (n + kPooledRays);
+    return noise_share_ * variance / n;
 }
 
 // The harmonic mean distance [Ward & Heckbert 1992].

@@ -80,6 +80,7 @@ class SparseGather {
     std::vector<std::int32_t> record_of_; // a vertex; -1: none
     std::vector<Cell> cells_;
     double noise_share_ = 1.0; // of the variance of independent rays, that a Sobol sequence leaves
+    double pooled_variance_ = 0.0; // lx², photometric, of one ray
     std::uint64_t rays_ = 0;
 };
 

@@ -24,6 +24,7 @@ class SimulatedRun:
     elapsed: float = 0.0
     photons: int = 0
     radiosity_finished: bool = False
+    mesh_finished: bool = False
     finishing: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -101,6 +102,12 @@ def test_a_refined_run_shows_each_iteration_of_the_mesh():
     every = made("composite", SimulatedRun(settings))
     assert shown(every) == 3 * ["DEPT"] + 3 * ["DDL"] + 2 * ["gather"]
     assert [step.iteration for step in every if step.component == "DDL"] == [0, 1, 2]
+
+
+def test_a_mesh_that_wants_no_split_ends_direct_lighting():
+    settings = SolverSettings(output_mode="refined", target_error=0, photons=10**8)
+    run = SimulatedRun(settings, mesh_finished=True)
+    assert [s.component for s in made("composite", run)].count("DDL") == 1
 
 
 def test_without_reflection_direct_light_is_all():

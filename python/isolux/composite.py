@@ -31,6 +31,7 @@ class Run(Protocol):
     reflects: bool  # some surface does
     elapsed: float  # s
     radiosity_finished: bool
+    mesh_finished: bool  # no element wants to be split further
 
     @property
     def photons(self) -> int:
@@ -98,8 +99,10 @@ def _start(run: Run, room: int) -> Iterator[StagePlan]:
     run.trace_until(StageGoal(bound, run.elapsed + LEAST_PILOT_SECONDS, False), "DEPT")
     yield StagePlan("DEPT", run.photons, shown=room >= 2)
     first_iteration = run.first_iteration_seconds()
-    missing = pilot_seconds(first_iteration) - run.photons * run.seconds_per_photon
-    if missing > 0 and run.photons < bound:
+    looked = run.photons * run.seconds_per_photon
+    missing = pilot_seconds(first_iteration) - looked
+    # Filtering costs more than a pilot that isn't much longer than the first look would tell.
+    if missing > 3 * looked and run.photons < bound:
         run.trace_until(StageGoal(bound, run.elapsed + missing, False), "DEPT")
         yield StagePlan("DEPT", run.photons, shown=room >= 3)
     pilot = run.photons * run.seconds_per_photon
@@ -125,7 +128,8 @@ def _direct_steps(run: Run) -> Iterator[StagePlan]:
     budget = run.settings.time_budget or math.inf
     for iteration in range(count):
         # Each iteration takes longer than the one before.
-        if iteration > 0 and run.elapsed + 2 * run.finishing_seconds("DDL") > budget:
+        too_late = run.elapsed + 2 * run.finishing_seconds("DDL") > budget
+        if iteration > 0 and (too_late or run.mesh_finished):
             return
         last = iteration == count - 1
         # One stage has to be left for the indirect light.

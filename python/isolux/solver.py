@@ -108,6 +108,7 @@ class ProgressiveSolver:
         self.reflects = any(bool(np.any(mesh.reflectance > 0)) for mesh in scene.meshes)
         self.elapsed = 0.0
         self.radiosity_finished = False
+        self.mesh_finished = False
         self._clock = clock
         self._threads = settings.threads or -1  # all
         self._core_scene = build_core_scene(scene, settings, self._threads)
@@ -308,7 +309,8 @@ class ProgressiveSolver:
         if step.iteration == 1:
             self._begin_refinement(self.settings.subdivision_threshold)
         assert self._mesh is not None
-        self._mesh.iterate(self._direct, lambda share: self._working("DDL"))
+        went_on = self._mesh.iterate(self._direct, lambda share: self._working("DDL"))
+        self.mesh_finished = not went_on
         self._refined = self._mesh.mesh()
 
     def _begin_refinement(self, threshold: float) -> AdaptiveMesh:

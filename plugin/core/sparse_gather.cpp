@@ -97,7 +97,7 @@ void SparseGather::trace(std::span<const std::int32_t> records, std::uint32_t fa
 // over 4 has the mean Var(n/2) - Var(n), that of its quarters Var(n/4) - Var(n/2).
 // Rays that a record is thought to have beside its own, of the variance of all records: one whose
 // few rays missed the one bright spot that it sees would look exact.
-constexpr double kPooledRays = 4.0;
+constexpr double kPooledRays = 1.0;
 
 void SparseGather::estimate_noise() {
     double halves = 0.0, quarters = 0.0, independent = 0.0, pooled = 0.0;

@@ -20,7 +20,7 @@ class SimulatedRun:
 
     settings: SolverSettings
     reflects: bool = True
-    first_iteration: float = 1.0
+    first_iteration: float = 2.0
     elapsed: float = 0.0
     photons: int = 0
     radiosity_finished: bool = False
@@ -93,6 +93,13 @@ def test_t1_comes_when_the_first_iteration_could_be_done():
     run = SimulatedRun(settings, first_iteration=0.3)
     direct = next(s for s in steps("composite", run) if s.component == "DDL")
     assert direct.photons == pytest.approx(0.3 * PHOTONS_A_SECOND, rel=1e-6)
+
+
+def test_the_pilot_takes_its_share_whatever_filtering_takes():
+    settings = SolverSettings(target_error=0, photons=64_000_000)
+    run = SimulatedRun(settings, first_iteration=3.0, finishing={"DEPT": 0.5})
+    photons = [step.photons for step in steps("composite", run) if step.component == "DEPT"]
+    assert photons[1] == pytest.approx(0.3 * PHOTONS_A_SECOND, rel=1e-6)
 
 
 def test_a_refined_run_shows_each_iteration_of_the_mesh():

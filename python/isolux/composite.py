@@ -103,7 +103,8 @@ def _start(run: Run, room: int) -> Iterator[StagePlan]:
     missing = pilot_seconds(first_iteration) - looked
     # Filtering costs more than a pilot that isn't much longer than the first look would tell.
     if missing > 3 * looked and run.photons < bound:
-        run.trace_until(StageGoal(bound, run.elapsed + missing, False), "DEPT")
+        until_told = run.elapsed + missing + run.finishing_seconds("DEPT")
+        run.trace_until(StageGoal(bound, until_told, False), "DEPT")
         yield StagePlan("DEPT", run.photons, shown=room >= 3)
     pilot = run.photons * run.seconds_per_photon
     until = switchover_photons(run.photons, pilot, run.indirect_error, first_iteration)

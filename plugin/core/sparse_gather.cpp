@@ -97,7 +97,7 @@ void SparseGather::trace(std::span<const std::int32_t> records, std::uint32_t fa
 // over 4 has the mean Var(n/2) - Var(n), that of its quarters Var(n/4) - Var(n/2).
 // Rays that a record is thought to have beside its own, of the variance of all records: one whose
 // few rays missed the one bright spot that it sees would look exact.
-constexpr double kPooledRays = 1.0;
+constexpr double kPooledRays = 4.0;
 
 void SparseGather::estimate_noise() {
     double halves = 0.0, quarters = 0.0, independent = 0.0, pooled = 0.0;
@@ -115,6 +115,10 @@ void SparseGather::estimate_noise() {
 }
 
 double SparseGather::noise(const GatherRecord& record) const {
+    return noise_share_ * record.ray_variance / record.rays();
+}
+
+double SparseGather::possible_noise(const GatherRecord& record) const {
     const double n = record.rays();
     const double variance =
         (n * record.ray_variance + kPooledRays * pooled_variance_) / (n + kPooledRays);
@@ -154,7 +158,7 @@ float SparseGather::roughness(const GatherRecord& a, const GatherRecord& b, floa
 void SparseGather::rate(Cell& cell) const {
     const VertexCluster& cluster = clusters_.clusters()[cell.cluster];
     const GatherRecord& record = records_[cell.record];
-    const auto noise_of_record = static_cast<float>(noise(record));
+    const auto noise_of_record = static_cast<float>(possible_noise(record));
     if (cluster.children < 0) {
         cell.priority = cluster.area * noise_of_record * static_cast<float>(kRaysOfRecord) /
                         static_cast<float>(record.rays());

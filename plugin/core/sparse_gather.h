@@ -59,7 +59,9 @@ class SparseGather {
                std::span<const Exitance> exitances, int threads);
     void estimate_noise();
     double noise(const GatherRecord& record) const; // lx², variance
-    float scale(const GatherRecord& record) const;  // m, over which light varies around it
+    // The same where the record may have missed what gives most light.
+    double possible_noise(const GatherRecord& record) const;
+    float scale(const GatherRecord& record) const; // m, over which light varies around it
     float first_roughness(std::span<const Exitance> exitances) const;
     float roughness(const GatherRecord& a, const GatherRecord& b, float before) const;
     void rate(Cell& cell) const;

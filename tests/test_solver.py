@@ -10,7 +10,7 @@ from usd_scenes.cornell_box.generate import generate as generate_cornell_box
 import isolux
 from isolux.results import ResultsWriter
 from isolux.schedule import stage_goals
-from small_room import write_room
+from small_room import FLOOR, LAMP, write_room, write_stage
 
 FLOOR_CORNERS, WALL_CORNERS = 4, 20
 
@@ -140,3 +140,15 @@ def test_refining_wants_direct_light(scene):
     solver = isolux.ProgressiveSolver(scene, settings)
     with pytest.raises(isolux.SettingsError, match="no direct light yet"):
         solver.refine(0.01, 3)
+
+
+def test_a_beam_that_falls_between_the_points_of_a_mesh_is_told(tmp_path):
+    """A disk of 0.2 m close above a floor of one quad lights none of its four corners."""
+    lamp = LAMP.replace("SphereLight", "DiskLight").replace("(0, 0, 2)", "(0, 0, 0.02)")
+    source = write_stage(tmp_path / "beam.usda", FLOOR, lamp)
+    solver = isolux.ProgressiveSolver(isolux.read_stage(source), isolux.SolverSettings())
+    for _ in solver.stages():
+        pass
+    (finding,) = solver.findings()
+    assert (finding.path, finding.kind, finding.action) == ("/World/Floor", "tessellation", "noted")
+    assert "finer than the mesh" in finding.reason

@@ -46,6 +46,9 @@ CHUNK_SECONDS = 0.1
 FIRST_CHUNK_PHOTONS = 1 << 12
 # A one-sided mesh is taken to be turned inside out where so many photons met it, mostly its back.
 INSIDE_OUT_PHOTONS = 100
+# Direct light at the points of a mesh may differ from what photons bring to it by this share, and
+# by so many standard deviations of the photons.
+COARSE_SHARE, COARSE_DEVIATIONS = 0.25, 4.0
 # Radiosity's cost grows with the square of the elements, and a reflection can't be interrupted.
 RADIOSITY_ELEMENTS = 4000
 
@@ -209,7 +212,7 @@ class ProgressiveSolver:
         fronts = np.array([hits[self._layouts[m.path].front].sum() for m in self.scene.meshes])
         backs = np.array(self._photons.buckets.ends["back_hits"])
         inside_out = (backs > fronts) & (backs + fronts >= INSIDE_OUT_PHOTONS)
-        return tuple(
+        turned = (
             Finding(
                 self.scene.meshes[i].path,
                 "orientation",
@@ -219,6 +222,31 @@ class ProgressiveSolver:
             )
             for i in np.flatnonzero(inside_out)
         )
+        return (*turned, *self._coarse_meshes(hits[:, 0]))
+
+    def _coarse_meshes(self, direct_hits: NDArray[np.uint64]) -> Iterator[Finding]:
+        """Meshes whose points miss much of the direct light that falls between them, or add to it.
+
+        direct_hits : (V,) photons that came straight from a luminaire
+        """
+        if self._switchover[2] == 0:
+            return
+        photon_flux = self._core_scene.luminous_flux / self.photons
+        at_points = photometric(self._light.direct) * self._areas
+        for mesh in self.scene.meshes:
+            layout = self._layouts[mesh.path]
+            both = slice(layout.front.start, max(layout.front.stop, layout.back.stop))
+            hits = float(direct_hits[both].sum())
+            found, flux = float(at_points[both].sum()), hits * photon_flux
+            noise = COARSE_DEVIATIONS * math.sqrt(hits) * photon_flux
+            if abs(found - flux) > COARSE_SHARE * flux + noise:
+                yield Finding(
+                    mesh.path,
+                    "tessellation",
+                    "noted",
+                    f"direct light at the mesh's points stands for {found:.3g} lm where {flux:.3g} "
+                    "lm fall on it: shadows or beams are finer than the mesh",
+                )
 
     # What the order of steps depends on: composite.Run.
 

@@ -69,7 +69,7 @@ class Effort:
     reference_batches: int
 
 
-QUICK = Effort((1.0,), 100_000, 5, 2.0, (1 << 15, 1 << 18), 2.0, ("composite",), 2)
+QUICK = Effort((1.0,), 100_000, 5, 2.0, (1 << 15, 1 << 18), 2)
 FULL = Effort(
     densities=(1.0, 3.45),
     slice_rays=200_000,

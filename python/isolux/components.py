@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +79,11 @@ class PhotonTracing:
         )
         self.emitted += count
 
+    @property
+    def photon_flux(self) -> float:
+        """lm of each photon."""
+        return self._scene.luminous_flux / max(1, self.emitted)
+
     def filtered(self) -> tuple[FilteredLight, BucketErrors]:
         """The light of all photons so far [Volevich 2000, Appendix A]."""
         if self._filter is None:
@@ -112,9 +118,13 @@ class DirectLight:
     def __init__(self, scene: _core.Scene, settings: SolverSettings, threads: int) -> None:
         self._lighting = _core.DirectLighting(scene, settings.seed, DIRECT_ACCURACY)
         self._threads = threads
-        self._positions: NDArray[np.float64] = scene.receiver_positions
-        self._normals: Array = scene.vertex_normals
+        self._scene = scene
         self.shadow_rays = 0
+
+    @cached_property
+    def _receivers(self) -> tuple[NDArray[np.float64], Array]:
+        """Positions and normals of all vertices; a run of photons alone does without."""
+        return self._scene.receiver_positions, self._scene.vertex_normals
 
     def estimated_seconds(self, indirect: Array, clock: Callable[[], float]) -> float:
         """T_i0, s: what all vertices will take, by lighting a few of them.
@@ -124,15 +134,12 @@ class DirectLight:
         Departure: the paper estimates it from the pilot's ray rate and a guess of the shadow rays;
         with many luminaires most are culled, which no guess knows.
         """
-        few = slice(0, None, TIMED_SHARE)
+        few = [
+            np.ascontiguousarray(values[::TIMED_SHARE]) for values in (*self._receivers, indirect)
+        ]
         started = clock()
-        self._lighting.illuminate(
-            np.ascontiguousarray(self._positions[few]),
-            np.ascontiguousarray(self._normals[few]),
-            np.ascontiguousarray(indirect[few]),
-            self._threads,
-        )
-        return (clock() - started) * len(self._positions) / max(1, len(self._positions[few]))
+        self._lighting.illuminate(*few, self._threads)
+        return (clock() - started) * len(indirect) / max(1, len(few[0]))
 
     def at_vertices(
         self, indirect: Array, on_share: Callable[[float], None]
@@ -142,7 +149,7 @@ class DirectLight:
         indirect : (V,) lx, zeros where it isn't known
         on_share : called with the share that is done; may raise Cancelled
         """
-        return self.at_points(self._positions, self._normals, indirect, on_share)
+        return self.at_points(*self._receivers, indirect, on_share)
 
     def at_points(
         self,
@@ -253,7 +260,7 @@ class SparseGather:
             ray_budget,
             self._threads,
             np.ascontiguousarray(buckets[:, 1]),
-            self._scene.luminous_flux / max(1, photons.emitted),
+            photons.photon_flux,
         )
         return IndirectLight(
             found["indirect"], found["standard_error"], found["indirect_rms"], found["rays"]

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from . import _core
 from .errors import SceneError
-from .scene_description import GoniometricDiagram, SceneDescription
+from .scene_description import GoniometricDiagram, MeshDescription, SceneDescription
 from .settings import SolverSettings
 from .solution import MeshLayout
 
@@ -57,6 +60,21 @@ def build_core_scene(
             _candela_distribution(luminaire.diagram),
         )
     return builder.build(threads)
+
+
+def mesh_triangles(mesh: MeshDescription) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The mesh's elements in the order of the compiled scene.
+
+    returns : corners (T, 3), face corners counter-clockwise seen from the front; faces (T,)
+    """
+    corners, faces = _core.triangulate(
+        mesh.points,
+        mesh.face_vertex_counts,
+        mesh.face_vertex_indices,
+        mesh.hole_faces,
+        mesh.flip_winding,
+    )
+    return corners, faces
 
 
 def _candela_distribution(

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import triangulate
+from .core_scene import mesh_triangles
 from .mesh_topology import MeshTopology
 from .scene_description import MeshDescription
 from .solution import MeshLayout, RefinedMesh
@@ -94,13 +94,7 @@ def refined_topologies(
     topologies = {}
     first_element = 0
     for mesh in meshes:
-        corners, faces = triangulate(
-            mesh.points,
-            mesh.face_vertex_counts,
-            mesh.face_vertex_indices,
-            mesh.hole_faces,
-            mesh.flip_winding,
-        )
+        corners, faces = mesh_triangles(mesh)
         begin, end = np.searchsorted(
             refined.element_parents, [first_element, first_element + len(faces)]
         )

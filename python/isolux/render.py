@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
-from ._core import triangulate
 from .camera import Camera, framing_candidates, stage_camera
+from .core_scene import mesh_triangles
 from .errors import SceneError, SettingsError
 from .luminaire_shapes import luminaire_triangles, mean_luminance
 from .mesh_topology import MeshTopology
@@ -203,13 +203,7 @@ def _surfaces(stage: Usd.Stage, scene: SceneDescription, time: float | None) -> 
 
 
 def _lit_mesh(prim: Usd.Prim, mesh: MeshDescription, when: Usd.TimeCode) -> Surface:
-    corners, faces = triangulate(
-        mesh.points,
-        mesh.face_vertex_counts,
-        mesh.face_vertex_indices,
-        mesh.hole_faces,
-        mesh.flip_winding,
-    )
+    corners, faces = mesh_triangles(mesh)
     reflectance = np.broadcast_to(mesh.reflectance, (len(mesh.face_vertex_counts), 3))[faces]
 
     def luminance(primvar: str) -> NDArray[np.float32]:

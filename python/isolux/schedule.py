@@ -22,7 +22,7 @@ class StagePlan:
     component : what makes it: photon tracing (DEPT), direct lighting (DDL), photons for the
         indirect light alone (IDEPT), a sparse gather over the photons' light, or radiosity (HPR)
     photons : emitted since the start
-    rays : gathered by this step, or shot by radiosity since the start
+    rays : budget of this step's gather or radiosity
     iteration : of the adaptive mesh; 0: direct light at the vertices
     shown : it is a progressive stage; else only a step on the way to one
     """

@@ -168,8 +168,7 @@ def _solve_and_write(
     write_seconds = 0.0
     try:
         with _StageDisplay(messages, solver.settings, stop) as display:
-            stopped = lambda: stop.signal is not None  # noqa: E731
-            for solution in solver.stages(display.update, stopped, replay):
+            for solution in solver.stages(display.update, lambda: stop.signal is not None, replay):
                 started = time.perf_counter()
                 writer.write(solution)
                 write_seconds += time.perf_counter() - started

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,11 +29,12 @@ from .components import (
     Radiosity,
     SparseGather,
     photometric,
-    root_mean_square,
 )
 from .composite import chosen_method, steps
 from .core_scene import build_core_scene, mesh_layouts, require_light_and_surface
 from .errors import SettingsError
+from .illumination import Illumination, relative_deviation
+from .photon_findings import coarse_meshes, inside_out_meshes
 from .progress import SolveProgress, Watch, done_fraction
 from .scene_description import Finding, SceneDescription
 from .schedule import Component, StageGoal, StagePlan
@@ -44,47 +45,8 @@ from .stage_reader import read_stage
 # Photons are traced in calls of about this long, so that a cancelled run stops soon.
 CHUNK_SECONDS = 0.1
 FIRST_CHUNK_PHOTONS = 1 << 12
-# A one-sided mesh is taken to be turned inside out where so many photons met it, mostly its back.
-INSIDE_OUT_PHOTONS = 100
-# Direct light at the points of a mesh may differ from what photons bring to it by this share, and
-# by so many standard deviations of the photons.
-COARSE_SHARE, COARSE_DEVIATIONS = 0.25, 4.0
 # Radiosity's cost grows with the square of the elements, and a reflection can't be interrupted.
 RADIOSITY_ELEMENTS = 4000
-
-
-@dataclass(slots=True)
-class _Illumination:
-    """What the last step left; errors are absolute, lx.
-
-    direct, indirect : (V, 3)
-    direct_error, indirect_error : (V,), standard errors
-    support_radius : (V,) m
-    direct_rms, indirect_rms : area-weighted RMS errors; nan: not known
-    total_rms : where it is known better than from its parts
-    """
-
-    direct: Array
-    indirect: Array
-    direct_error: Array
-    indirect_error: Array
-    support_radius: Array
-    direct_rms: float = math.nan
-    indirect_rms: float = math.nan
-    total_rms: float | None = None
-
-    @staticmethod
-    def dark(vertices: int) -> _Illumination:
-        colours = np.zeros((vertices, 3), np.float32)
-        scalars = np.zeros(vertices, np.float32)
-        return _Illumination(colours, colours, scalars, scalars, scalars)
-
-
-def _relative_deviation(total: Array, direct_error: Array, indirect_error: Array) -> Array:
-    """Of the total, (n,); 1 where there is no light. Errors are absolute, lx."""
-    illuminance = photometric(total)
-    error = np.hypot(direct_error, indirect_error)
-    return np.divide(error, illuminance, out=np.ones_like(error), where=illuminance > 0)
 
 
 class ProgressiveSolver:
@@ -126,7 +88,7 @@ class ProgressiveSolver:
         self._areas: NDArray[np.float64] = self._core_scene.vertex_areas
         self._photons = PhotonTracing(self._core_scene, settings, self._threads)
         self._direct = DirectLight(self._core_scene, settings, self._threads)
-        self._light = _Illumination.dark(len(self._areas))
+        self._light = Illumination(self._areas)
         self._filtered: FilteredLight | None = None
         self._bucket_errors = BucketErrors()
         self._mesh: AdaptiveMesh | None = None
@@ -152,7 +114,7 @@ class ProgressiveSolver:
     @property
     def indirect_error(self) -> float:
         """Relative RMS error of the indirect light as it stands; nan: not known."""
-        return self._relative(self._light.indirect_rms, self._light.indirect)
+        return self._light.rms_error_indirect
 
     def stages(
         self,
@@ -209,44 +171,17 @@ class ProgressiveSolver:
         if self.photons == 0:  # a method without them
             self._photons.trace(FIRST_CHUNK_PHOTONS)
         hits = self._photons.buckets.hit_counts
-        fronts = np.array([hits[self._layouts[m.path].front].sum() for m in self.scene.meshes])
-        backs = np.array(self._photons.buckets.ends["back_hits"])
-        inside_out = (backs > fronts) & (backs + fronts >= INSIDE_OUT_PHOTONS)
-        turned = (
-            Finding(
-                self.scene.meshes[i].path,
-                "orientation",
-                "noted",
-                f"{backs[i] / (backs[i] + fronts[i]):.0%} of the photons that met the mesh met its "
-                "back, which absorbs them: check orientation, or set doubleSided",
-            )
-            for i in np.flatnonzero(inside_out)
+        meshes = self.scene.meshes
+        found = inside_out_meshes(
+            meshes, self._layouts, hits, self._photons.buckets.ends["back_hits"]
         )
-        return (*turned, *self._coarse_meshes(hits[:, 0]))
-
-    def _coarse_meshes(self, direct_hits: NDArray[np.uint64]) -> Iterator[Finding]:
-        """Meshes whose points miss much of the direct light that falls between them, or add to it.
-
-        direct_hits : (V,) photons that came straight from a luminaire
-        """
-        if self._switchover[2] == 0:
-            return
-        photon_flux = self._core_scene.luminous_flux / self.photons
-        at_points = photometric(self._light.direct) * self._areas
-        for mesh in self.scene.meshes:
-            layout = self._layouts[mesh.path]
-            both = slice(layout.front.start, max(layout.front.stop, layout.back.stop))
-            hits = float(direct_hits[both].sum())
-            found, flux = float(at_points[both].sum()), hits * photon_flux
-            noise = COARSE_DEVIATIONS * math.sqrt(hits) * photon_flux
-            if abs(found - flux) > COARSE_SHARE * flux + noise:
-                yield Finding(
-                    mesh.path,
-                    "tessellation",
-                    "noted",
-                    f"direct light at the mesh's points stands for {found:.3g} lm where {flux:.3g} "
-                    "lm fall on it: shadows or beams are finer than the mesh",
-                )
+        if self._switchover[2] == 0:  # no direct light but the photons'
+            return tuple(found)
+        direct_flux = photometric(self._light.direct) * self._areas
+        coarse = coarse_meshes(
+            meshes, self._layouts, hits[:, 0], self._photons.photon_flux, direct_flux
+        )
+        return (*found, *coarse)
 
     # What the order of steps depends on: composite.Run.
 
@@ -312,27 +247,18 @@ class ProgressiveSolver:
 
     def _filter_all(self, step: StagePlan) -> None:
         """DEPT: direct and indirect light of the photons."""
-        filtered, self._bucket_errors = self._photons.filtered()
-        self._filtered = filtered
-        light = self._light
-        light.direct, light.indirect = filtered.direct, filtered.indirect
-        light.direct_error = filtered.direct_deviation * photometric(light.direct)
-        light.indirect_error = filtered.indirect_deviation * photometric(light.indirect)
-        light.support_radius = filtered.support_radius
-        light.indirect_rms = filtered.rms_error_indirect * self._mean(light.indirect)
-        light.total_rms = filtered.rms_error * self._mean(light.direct + light.indirect)
+        self._filtered, self._bucket_errors = self._photons.filtered()
+        self._light.take_photons(self._filtered)
 
     def _light_directly(self, step: StagePlan) -> None:
         """DDL: direct light that replaces the photons'."""
-        light = self._light
         if step.iteration == 0:
-            light.direct, light.direct_error = self._direct.at_vertices(
-                photometric(light.indirect), lambda share: self._working("DDL")
+            found = self._direct.at_vertices(
+                photometric(self._light.indirect), lambda share: self._working("DDL")
             )
-            light.direct_rms = root_mean_square(light.direct_error, self._areas)
-            light.total_rms = None
+            self._light.take_direct(*found)
             if not self.reflects:
-                light.indirect_rms = 0.0
+                self._light.leave_indirect_dark()
             return
         if step.iteration == 1:
             self._begin_refinement(self.settings.subdivision_threshold)
@@ -350,7 +276,7 @@ class ProgressiveSolver:
             light.direct,
             light.direct_error,
             light.indirect,
-            adaptation.luminance(light.direct + light.indirect, self._areas),
+            adaptation.luminance(light.total, self._areas),
             threshold,
             self._filtered,
         )
@@ -359,11 +285,7 @@ class ProgressiveSolver:
     def _filter_indirect(self, step: StagePlan) -> None:
         """IDEPT: the photons' indirect light beside deterministic direct light."""
         filtered, self._bucket_errors = self._photons.filtered()
-        light = self._light
-        light.indirect = filtered.indirect
-        light.indirect_error = filtered.indirect_deviation * photometric(light.indirect)
-        light.support_radius = filtered.support_radius
-        light.indirect_rms = filtered.rms_error_indirect * self._mean(light.indirect)
+        self._light.take_indirect_photons(filtered)
 
     def _gather_indirect(self, step: StagePlan) -> None:
         """Indirect light gathered from what the photons left."""
@@ -382,11 +304,7 @@ class ProgressiveSolver:
         self.radiosity_finished = self._radiosity.finished
 
     def _take_indirect(self, found: IndirectLight) -> None:
-        light = self._light
-        light.indirect = found.illuminance
-        light.indirect_error = found.standard_error
-        light.indirect_rms = found.rms
-        light.support_radius = np.zeros_like(light.support_radius)
+        self._light.take_indirect(found)
         self._indirect_rays += found.rays
 
     def _target_met(self, step: StagePlan, stage: ProgressiveStage) -> bool:
@@ -427,10 +345,7 @@ class ProgressiveSolver:
         """The light as it stands, as the next progressive stage."""
         self._index += 1
         light = self._light
-        total_rms = light.total_rms
-        if total_rms is None:
-            total_rms = math.hypot(light.direct_rms, light.indirect_rms)
-        error = self._relative(total_rms, light.direct + light.indirect)
+        error = light.rms_error
         self._error = None if math.isnan(error) else error
         refined, direct, direct_error = self._refined or (None, light.direct, light.direct_error)
         indirect, indirect_error = light.indirect, light.indirect_error
@@ -466,23 +381,12 @@ class ProgressiveSolver:
             layouts=self._layouts,
             direct=direct,
             indirect=indirect,
-            relative_deviation=_relative_deviation(direct + indirect, direct_error, indirect_error),
+            relative_deviation=relative_deviation(direct + indirect, direct_error, indirect_error),
             support_radius=light.support_radius,
             vertex_areas=self._areas,
             refined=refined,
             steps=tuple(self._steps),
         )
-
-    def _mean(self, illuminance: Array) -> float:
-        """Area-weighted photometric mean, lx."""
-        total = float(self._areas.sum())
-        return float(self._areas @ photometric(illuminance)) / total if total > 0 else 0.0
-
-    def _relative(self, rms: float, illuminance: Array) -> float:
-        mean = self._mean(illuminance)
-        if mean == 0 and not math.isnan(rms):
-            return 0.0
-        return rms / mean if mean > 0 else math.nan
 
 
 def solve(

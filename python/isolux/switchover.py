@@ -9,7 +9,7 @@ from __future__ import annotations
 # The pilot's share of the first iteration of direct lighting [Volevich 2000, §3.3: alpha].
 PILOT_SHARE = 0.1
 # s. Departure: the paper's 0.5 s was the shortest interval over which its implementation of 1999
-# sampled errors; ours has emitted some 10,000 photons after this time.
+# sampled errors; ours has emitted some 20,000 photons after this time.
 LEAST_PILOT_SECONDS = 0.04
 # RMS error of the indirect light that is a reasonable start [Volevich 2000, §3.3: E_thr].
 START_ERROR = 0.15

@@ -270,10 +270,10 @@ def info(results: _Results) -> None:
 def check(stage: _Stage, time: _ReadTime = None) -> None:
     """Show what `solve` would read of STAGE, what it would skip, and what is wrong."""
     from .core_scene import require_light_and_surface
-    from .solve_command import read_source
+    from .stage_reader import read_stage
     from .tables import findings_table, luminaire_table, new_console, scene_summary
 
-    _, scene, _ = read_source(stage, time)
+    scene = read_stage(stage, time)
     console = new_console()
     if scene.luminaires:
         console.print(luminaire_table(scene.luminaires))

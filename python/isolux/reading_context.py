@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pxr import Ar, Sdf, Usd, UsdGeom
 
 from .scene_description import Finding, FindingAction
+from .settings import SolverSettings
 
 # A transform that flattens one direction by more than this, relative to the others, is singular.
 SINGULAR_SCALE = 1e-12
@@ -19,11 +20,13 @@ class ReadingContext:
     """One reading of one stage.
 
     time : at which attributes are read; the earliest samples where no time was asked for
+    settings : of the solver, some of which say how finely or in which form geometry is read
     meters_per_unit : m
     findings : grows while the stage is read
     """
 
-    def __init__(self, stage: Usd.Stage, time_code: float | None) -> None:
+    def __init__(self, stage: Usd.Stage, time_code: float | None, settings: SolverSettings) -> None:
+        self.settings = settings
         self.time = Usd.TimeCode.EarliestTime() if time_code is None else Usd.TimeCode(time_code)
         self.meters_per_unit = float(UsdGeom.GetStageMetersPerUnit(stage))
         self.findings: list[Finding] = []

@@ -18,7 +18,9 @@ from .errors import SceneError, SettingsError
 from .luminaire_shapes import luminaire_triangles, mean_luminance
 from .mesh_topology import MeshTopology
 from .refined_results import SOURCE_FACE
+from .report import recorded_settings
 from .scene_description import LuminaireDescription, MeshDescription, SceneDescription
+from .settings import SolverSettings
 from .stage_reader import read_stage
 from .visible_surfaces import Surface, VisibleSurfaces
 
@@ -142,12 +144,14 @@ def _read_solved_scene(stage: Usd.Stage) -> SceneDescription:
     """The scene as it was solved: without the colours and the time range that the results add."""
     source = Usd.Stage.Open(stage.GetRootLayer(), stage.GetSessionLayer())
     solved_at = Usd.TimeCode.EarliestTime().GetValue()
+    settings = SolverSettings()
     for layer in stage.GetUsedLayers():
         provenance = layer.customLayerData.get("isolux")
         if provenance is not None and layer != stage.GetRootLayer():
             solved_at = provenance.get("timeCode", solved_at)
+            settings = recorded_settings(provenance)
             source.MuteLayer(layer.identifier)
-    return read_stage(source, solved_at)
+    return read_stage(source, solved_at, settings)
 
 
 def _refined_scene(stage: Usd.Stage, scene: SceneDescription) -> SceneDescription:

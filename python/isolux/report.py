@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -55,12 +55,19 @@ def read_replay(path: str | Path) -> tuple[SolverSettings, tuple[StagePlan, ...]
     provenance, _ = read_report(path)
     try:
         steps = recorded_steps(provenance["steps"])
-        settings = SolverSettings(**provenance["settings"])
+        settings = recorded_settings(provenance)
     except (KeyError, TypeError, ValueError) as error:
         raise SceneError(
             str(path), f"no steps to replay ({error})", "results of this version of Isolux"
         ) from None
     return settings, steps, provenance["sourceHash"]
+
+
+def recorded_settings(provenance: Mapping[str, Any]) -> SolverSettings:
+    """The settings of an earlier run; the defaults for those that its version didn't have."""
+    known = {field.name for field in fields(SolverSettings)}
+    recorded = provenance.get("settings", {})
+    return SolverSettings(**{name: value for name, value in recorded.items() if name in known})
 
 
 def write_report(

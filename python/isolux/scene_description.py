@@ -30,6 +30,8 @@ class MeshDescription:
     double_sided : both sides receive and reflect light; else the back absorbs
     flip_winding : the authored corner order runs clockwise seen from the front
         (left-handed orientation or a mirroring transform, not both)
+    opacity : (F,) or (1,) float32 in [0, 1], share of the light that a face stops; None: all
+    emission : (F, 3) or (1, 3) float32, luminance in cd/m² by channel; None: the mesh doesn't shine
     """
 
     path: str
@@ -41,6 +43,8 @@ class MeshDescription:
     reflectance: NDArray[np.float32]
     double_sided: bool
     flip_winding: bool
+    opacity: NDArray[np.float32] | None = None
+    emission: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +78,8 @@ class LuminaireDescription:
     luminous_flux : lm, > 0
     diagram : directions by relative intensity, scaled to luminous_flux; None: a surface of
         constant luminance (disk and rect shine to -Z, cylinder without its end caps)
+    lit_meshes : paths of the meshes that it lights; None: all
+    shadow_meshes : paths of the meshes that stand in its light; None: all
     """
 
     path: str
@@ -84,6 +90,8 @@ class LuminaireDescription:
     colour: NDArray[np.float64]
     luminous_flux: float
     diagram: GoniometricDiagram | None
+    lit_meshes: frozenset[str] | None = None
+    shadow_meshes: frozenset[str] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ default and range. The solver stops at whichever active stopping criterion it me
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any, Literal, get_args
 
@@ -90,6 +91,23 @@ class SolverSettings:
             time_budget=0.0 if time_budget is None else time_budget,
             photons=0 if photons is None else photons,
         )
+
+
+def override_settings(settings: SolverSettings, options: Mapping[str, Any]) -> SolverSettings:
+    """The settings with the given options; those that are None change nothing.
+
+    raises : SettingsError for more than one stopping criterion, or a value out of its range
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    budget = {
+        name: given.pop(name)
+        for name in ("photons", "time_budget", "target_error")
+        if name in given
+    }
+    if len(budget) > 1:
+        names = " and ".join("--" + name.replace("_", "-") for name in budget)
+        raise SettingsError(names, "more than one stopping criterion", "one of them")
+    return replace(settings.with_budget(**budget), **given)
 
 
 def attribute_name(field_name: str) -> str:

@@ -11,7 +11,6 @@ from pathlib import Path
 from signal import Signals
 from typing import Any
 
-from pxr import Usd
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
@@ -24,10 +23,10 @@ from .report import PhaseSeconds, read_replay, write_report
 from .results import ResultsWriter
 from .scene_description import SceneDescription
 from .schedule import StagePlan
-from .settings import SolverSettings, settings_from_stage
+from .settings import SolverSettings, override_settings, settings_from_stage
 from .solution import ProgressiveStage
 from .solver import ProgressiveSolver
-from .stage_reader import read_stage
+from .stage_reader import read_source
 from .tables import findings_summary, new_console, percent, scene_summary, stage_table
 
 
@@ -56,11 +55,18 @@ def solve_stage(
         require_place(report)
 
     started = time.perf_counter()
-    stage, scene, own_settings = read_source(source, time_code)
     steps: tuple[StagePlan, ...] = ()
+    recorded: SolverSettings | None = None
+    solved_hash = ""
     if replay is not None:
-        own_settings, steps = _replayed(replay, scene, options, messages)
-    settings = override_settings(own_settings, options)
+        recorded, steps, solved_hash = _replayed(replay, options)
+    stage, scene, settings = read_source(
+        source,
+        time_code,
+        lambda opened: override_settings(recorded or settings_from_stage(opened), options),
+    )
+    if replay is not None and solved_hash != scene.source_hash:
+        messages.print(f"{replay}: the stage has changed since, so its light may differ")
     read_seconds = time.perf_counter() - started
     messages.print(f"{source}: {scene_summary(scene)}", soft_wrap=True)
     _print_findings(messages, scene, source)
@@ -89,48 +95,15 @@ def solve_stage(
     return stop.signal
 
 
-def read_source(
-    source: Path, time_code: float | None
-) -> tuple[Usd.Stage, SceneDescription, SolverSettings]:
-    """Open and read a stage.
-
-    raises : SceneError, PhotometryError, SettingsError
-    """
-    with Usd.StageCacheContext(Usd.StageCache()):
-        scene = read_stage(source, time_code)
-        stage = Usd.Stage.Open(str(source))  # the one just read, out of the cache
-    return stage, scene, settings_from_stage(stage)
-
-
-def override_settings(settings: SolverSettings, options: dict[str, Any]) -> SolverSettings:
-    """The settings with the given options; those that are None change nothing.
-
-    raises : SettingsError for more than one stopping criterion, or a value out of its range
-    """
-    given = {name: value for name, value in options.items() if value is not None}
-    budget = {
-        name: given.pop(name)
-        for name in ("photons", "time_budget", "target_error")
-        if name in given
-    }
-    if len(budget) > 1:
-        names = " and ".join("--" + name.replace("_", "-") for name in budget)
-        raise SettingsError(names, "more than one stopping criterion", "one of them")
-    return replace(settings.with_budget(**budget), **given)
-
-
 def _replayed(
-    results: Path, scene: SceneDescription, options: dict[str, Any], messages: Console
-) -> tuple[SolverSettings, tuple[StagePlan, ...]]:
-    """Settings and steps of an earlier run; only the threads may be given anew."""
+    results: Path, options: dict[str, Any]
+) -> tuple[SolverSettings, tuple[StagePlan, ...], str]:
+    """Settings, steps and source of an earlier run; only the threads may be given anew."""
     given = [name for name, value in options.items() if value is not None and name != "threads"]
     if given:
         names = ", ".join("--" + name.replace("_", "-") for name in given)
         raise SettingsError("--replay", f"{names} beside it", "no other setting than --threads")
-    settings, steps, source_hash = read_replay(results)
-    if source_hash != scene.source_hash:
-        messages.print(f"{results}: the stage has changed since, so its light may differ")
-    return settings, steps
+    return read_replay(results)
 
 
 def require_place(path: Path) -> None:

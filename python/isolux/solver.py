@@ -40,7 +40,7 @@ from .scene_description import Finding, SceneDescription
 from .schedule import Component, StageGoal, StagePlan
 from .settings import SolverSettings, settings_from_stage
 from .solution import ProgressiveStage, RefinedMesh, Solution
-from .stage_reader import read_stage
+from .stage_reader import read_source
 
 # Photons are traced in calls of about this long, so that a cancelled run stops soon.
 CHUNK_SECONDS = 0.1
@@ -402,10 +402,7 @@ def solve(
     yields : one Solution a progressive stage
     raises : SceneError, SettingsError, PhotometryError, each naming prim or file
     """
-    with Usd.StageCacheContext(Usd.StageCache()):
-        scene = read_stage(stage, time_code)
-        if settings is None:
-            # The stage just read, out of the cache.
-            opened = stage if isinstance(stage, Usd.Stage) else Usd.Stage.Open(str(stage))
-            settings = settings_from_stage(opened)
-    yield from ProgressiveSolver(scene, settings).stages()
+    _, scene, chosen = read_source(
+        stage, time_code, lambda opened: settings or settings_from_stage(opened)
+    )
+    yield from ProgressiveSolver(scene, chosen).stages()

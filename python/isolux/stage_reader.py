@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from pxr import Ar, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdUtils
@@ -17,34 +18,57 @@ from .materials import MaterialReader
 from .mesh_reader import read_mesh
 from .reading_context import ReadingContext
 from .scene_description import LuminaireDescription, MeshDescription, SceneDescription
+from .settings import SolverSettings, settings_from_stage
 
 SKIPPED_PURPOSES = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
 # Unloaded payloads are no part of the default predicate, and would go unseen.
 DEFINED_PRIMS = Usd.PrimIsActive & Usd.PrimIsDefined & ~Usd.PrimIsAbstract
 
 
-def read_stage(stage: Usd.Stage | str | Path, time_code: float | None = None) -> SceneDescription:
+def read_stage(
+    stage: Usd.Stage | str | Path,
+    time_code: float | None = None,
+    settings: SolverSettings | None = None,
+) -> SceneDescription:
     """Read meshes, their reflectance and the luminaires of a stage.
 
     stage : an open stage, or the file of one
     time_code : at which attributes are read; None: the stage's startTimeCode where it has one,
         else the earliest sample of each attribute
+    settings : how geometry is read; None: as the stage's own settings say
     Raises SceneError where the stage can't be opened, holds the results of an earlier run (their
-    displayColor is no reflectance) or a reflectance is impossible, and PhotometryError where a
-    photometric file can't be used.
+    displayColor is no reflectance) or a reflectance is impossible, PhotometryError where a
+    photometric file can't be used, and SettingsError where the stage's own settings can't be.
+    """
+    _, scene, _ = read_source(
+        stage, time_code, lambda opened: settings or settings_from_stage(opened)
+    )
+    return scene
+
+
+def read_source(
+    stage: Usd.Stage | str | Path,
+    time_code: float | None,
+    choose_settings: Callable[[Usd.Stage], SolverSettings],
+) -> tuple[Usd.Stage, SceneDescription, SolverSettings]:
+    """Open a stage, choose the settings, and read it by them; raises as `read_stage`.
+
+    time_code : as for `read_stage`
+    choose_settings : by the open stage, such as settings_from_stage
     """
     started = time.perf_counter()
     diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # keeps USD from writing to stderr
     try:
         opened = stage if isinstance(stage, Usd.Stage) else _open(str(stage))
         _require_no_results(opened)
+        settings = choose_settings(opened)
         if time_code is None and opened.HasAuthoredMetadata("startTimeCode"):
             time_code = opened.GetStartTimeCode()
-        context = ReadingContext(opened, time_code)
+        context = ReadingContext(opened, time_code, settings)
         _note_composition_errors(opened, context)
         meshes, luminaires = _read_prims(opened, context)
         _note_diagnostics(diagnostics, context)
-        return SceneDescription(
+        scene = SceneDescription(
             meshes=tuple(meshes),
             luminaires=tuple(luminaires),
             findings=tuple(context.findings),
@@ -54,6 +78,7 @@ def read_stage(stage: Usd.Stage | str | Path, time_code: float | None = None) ->
             source_hash=_source_hash(opened),
             read_seconds=time.perf_counter() - started,
         )
+        return opened, scene, settings
     finally:
         diagnostics.TakeUncoalescedDiagnostics()  # those left would be written at its deletion
 

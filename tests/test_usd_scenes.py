@@ -17,6 +17,7 @@ from usd_scenes.furnace_sphere.generate import generate as generate_furnace_sphe
 from usd_scenes.furnace_sphere.generate import icosphere
 from usd_scenes.hall.generate import LUMINOUS_FLUX as HALL_FLUX
 from usd_scenes.hall.generate import generate as generate_hall
+from usd_scenes.hills.generate import generate as generate_hills
 from usd_scenes.office.generate import generate as generate_office
 from usd_scenes.photometry import generate as photometry
 from usd_scenes.spot_room.generate import generate as generate_spot_room
@@ -33,6 +34,7 @@ GENERATORS = {
     "cornell_box": generate_cornell_box,
     "hall": lambda path: generate_hall(path, luminaires=33, density=0.5),
     "study": generate_study,
+    "hills": lambda path: generate_hills(path, faces=1000, meshes=4, normals=True),
 }
 
 # Meshes that bound no solid: walls and panes seen from one side, canvases, the rug, boxes without
@@ -40,6 +42,7 @@ GENERATORS = {
 OPEN_MESHES = {
     *("Floor", "Ceiling", "BackWall", "FrontWall", "RightWall", "LeftWall"),
     *("Reveals", "Glass", "Canvas", "Rug", "ShortBox", "TallBox"),
+    *("Tile0", "Tile1", "Tile2", "Tile3"),
     *("Desk", "Sofa", "Cupboard", "LowShelf", "HighShelf"),
 }
 
@@ -114,7 +117,7 @@ def test_solids_are_closed_and_face_outwards(stages: dict[str, Usd.Stage], name:
         volume = np.einsum("ij,ij->", p, np.cross(q, r)) / 6
         # The closed rooms are seen from inside.
         inside_out = name in ("furnace_sphere", "box_room")
-        inside_out |= name == "hall" and mesh.GetPrim().GetName() == "Shell"
+        inside_out |= name in ("hall", "hills") and mesh.GetPrim().GetName() == "Shell"
         assert (volume < 0) == inside_out, f"{mesh.GetPath()}: {volume} m^3"
 
 

@@ -1,6 +1,7 @@
 // isolux._core: the compiled solver, arrays in and arrays out.
 #include <nanobind/nanobind.h>
 
+void bind_authored_mesh(nanobind::module_& module);
 void bind_direct_lighting(nanobind::module_& module);
 void bind_mesh_refinement(nanobind::module_& module);
 void bind_photometry(nanobind::module_& module);
@@ -13,6 +14,7 @@ void bind_tone_mapping(nanobind::module_& module);
 NB_MODULE(_core, module) {
     module.doc() = "The compiled part of Isolux: photometry, ray casting and the solver's "
                    "components over arrays.";
+    bind_authored_mesh(module);
     bind_photometry(module);
     bind_ray_caster(module);
     bind_tone_mapping(module);

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from . import _core
 from .materials import MaterialReader
 from .mesh_topology import MeshTopology
 from .reading_context import ReadingContext
@@ -33,7 +34,10 @@ def read_mesh(
         context.note(prim, "Mesh", "skipped", "its transform is singular or not finite")
         return None
     points = _array(mesh.GetPointsAttr(), context.time, np.float32).reshape(-1, 3)
-    if not np.isfinite(points).all():
+    world = np.empty(points.shape)
+    if not _core.place_points(
+        points, to_world[:, :3] * context.meters_per_unit, world, context.threads
+    ):
         context.note(prim, "Mesh", "skipped", "points that are NaN or infinite")
         return None
     topology = MeshTopology(
@@ -41,16 +45,17 @@ def read_mesh(
         _array(mesh.GetFaceVertexIndicesAttr(), context.time, np.int32),
         len(points),
     )
-    fault = topology.fault()
+    survey = topology.survey(context.threads)
+    fault = topology.fault(survey)
     if fault:
         context.note(prim, "Mesh", "skipped", fault)
         return None
-    degenerate = topology.degenerate_faces()
-    if degenerate.any():
-        reason = f"{degenerate.sum()} faces without area: under 3 corners or a point used twice"
+    if survey.degenerate_faces:
+        reason = (
+            f"{survey.degenerate_faces} faces without area: under 3 corners or a point used twice"
+        )
         context.note(prim, "Mesh", "repaired", reason)
 
-    world = points.astype(np.float64) @ to_world[:3, :3] + to_world[3, :3]
     mirrored = bool(np.linalg.det(to_world[:3, :3]) < 0)
     left_handed = mesh.GetOrientationAttr().Get(context.time) == UsdGeom.Tokens.leftHanded
     flip_winding = left_handed != mirrored
@@ -70,7 +75,7 @@ def read_mesh(
             normals = None
     return MeshDescription(
         path=str(prim.GetPath()),
-        points=world * context.meters_per_unit,
+        points=world,
         face_vertex_counts=topology.counts,
         face_vertex_indices=topology.indices,
         corner_normals=normals,
@@ -129,21 +134,22 @@ def _corner_normals(
         interpolation = str(mesh.GetNormalsInterpolation())
         if authored is None:
             return None
-    values = np.asarray(authored if authored else [], dtype=np.float64).reshape(-1, 3)
+    values = np.asarray(authored if authored else [], dtype=np.float32).reshape(-1, 3)
     if not topology.has_values(values, interpolation):
         reason = (
             f"{len(values)} {interpolation} normals, {topology.value_count(interpolation)} wanted"
         )
         context.note(prim, "normals", "repaired", reason + ": geometric ones instead")
         return None
-    if not (np.isfinite(values).all() and values.any(axis=1).all()):
+    # The inverse transpose keeps outward normals outward, under mirroring as well.
+    turn = np.vstack([np.linalg.inv(to_world[:3, :3]).T, np.zeros((1, 3))])
+    corners = np.empty((len(topology.indices), 3), np.float32)
+    of_corners = topology.values_of_corners(interpolation)
+    if not _core.place_normals(values, of_corners, turn, corners, context.threads):
         reason = "some are zero or not finite: geometric ones instead"
         context.note(prim, "normals", "repaired", reason)
         return None
-    # The inverse transpose keeps outward normals outward, under mirroring as well.
-    turned = values @ np.linalg.inv(to_world[:3, :3]).T
-    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-    return np.ascontiguousarray(topology.to_corners(turned.astype(np.float32), interpolation))
+    return corners
 
 
 def _share_against_winding(
@@ -153,10 +159,10 @@ def _share_against_winding(
     flip_winding: bool,
 ) -> float:
     """Share of faces whose authored normal points to the side that the corner order calls back."""
-    faces = np.flatnonzero(topology.counts >= 3)
-    faces = faces[:: max(1, len(faces) // NORMAL_CHECK_FACES)]
+    faces = np.arange(0, len(topology.counts), max(1, len(topology.counts) // NORMAL_CHECK_FACES))
+    faces = faces[topology.counts[faces] >= 3]
     geometric = topology.face_normals(world, faces) * (-1.0 if flip_winding else 1.0)
-    authored = corner_normals[topology.starts[faces]]
+    authored = corner_normals[topology.first_corners(faces)]
     side = np.einsum("ij,ij->i", geometric, authored)
     decided = np.count_nonzero(side)
     return float((side < 0).sum() / decided) if decided else 0.0

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _core
+
 
 @dataclass(frozen=True, slots=True)
 class MeshTopology:
@@ -22,18 +24,24 @@ class MeshTopology:
     indices: NDArray[np.int32]
     point_count: int
 
-    def fault(self) -> str | None:
+    def survey(self, threads: int) -> _core.TopologySurvey:
+        """Extremes of counts and indices, and the degenerate faces, in one pass."""
+        return _core.survey_topology(self.counts, self.indices, threads)
+
+    def fault(self, survey: _core.TopologySurvey) -> str | None:
         """What makes the topology unreadable, in words; None where it is sound."""
         if len(self.counts) == 0:
             return "no faces"
-        if self.counts.min() < 0:
-            return f"a face of {self.counts.min()} corners"
-        corners = int(self.counts.sum(dtype=np.int64))
-        if corners != len(self.indices):
-            return f"{corners} corners by faceVertexCounts, {len(self.indices)} faceVertexIndices"
-        if corners == 0:
+        if survey.least_count < 0:
+            return f"a face of {survey.least_count} corners"
+        if survey.corners != len(self.indices):
+            return (
+                f"{survey.corners} corners by faceVertexCounts, "
+                f"{len(self.indices)} faceVertexIndices"
+            )
+        if survey.corners == 0:
             return "faces without corners"
-        low, high = int(self.indices.min()), int(self.indices.max())
+        low, high = survey.least_index, survey.greatest_index
         if low < 0 or high >= self.point_count:
             wrong = low if low < 0 else high
             return f"a corner at point {wrong} of {self.point_count} points"
@@ -44,15 +52,10 @@ class MeshTopology:
         """(F,) int64, first corner of each face."""
         return np.cumsum(self.counts, dtype=np.int64) - self.counts
 
-    def degenerate_faces(self) -> NDArray[np.bool_]:
-        """(F,) bool: fewer than three corners, or a point used twice."""
-        degenerate = self.counts < 3
-        starts = self.starts
-        for size in np.unique(self.counts[~degenerate]):
-            faces = np.flatnonzero(self.counts == size)
-            points = np.sort(self.indices[starts[faces, None] + np.arange(size)], axis=1)
-            degenerate[faces] = (points[:, 1:] == points[:, :-1]).any(axis=1)
-        return degenerate
+    def first_corners(self, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(n,) int64, first corner of each of the faces (n,)."""
+        size = self.counts[0]
+        return faces * size if (self.counts == size).all() else self.starts[faces]
 
     def value_count(self, interpolation: str) -> int | None:
         """How many values a primvar of this interpolation has; None: no such interpolation."""
@@ -67,6 +70,16 @@ class MeshTopology:
     def has_values(self, values: NDArray[Any], interpolation: str) -> bool:
         """Whether (n, K) values are as many as the interpolation wants."""
         return len(values) == self.value_count(interpolation)
+
+    def values_of_corners(self, interpolation: str) -> NDArray[np.int32] | None:
+        """(C,) int32, which of a primvar's values each corner has; None: each its own."""
+        if interpolation == "faceVarying":
+            return None
+        if interpolation == "constant":
+            return np.zeros(len(self.indices), np.int32)
+        if interpolation == "uniform":
+            return np.repeat(np.arange(len(self.counts), dtype=np.int32), self.counts)
+        return self.indices
 
     def to_corners(self, values: NDArray[Any], interpolation: str) -> NDArray[Any]:
         """(n, K) values spread to (C, K); n as `value_count` says."""
@@ -99,11 +112,12 @@ class MeshTopology:
         counts = self.counts[faces].astype(np.int64)
         first = np.cumsum(counts) - counts  # where each chosen face begins among chosen corners
         place = np.arange(counts.sum()) - np.repeat(first, counts)
-        start = np.repeat(self.starts[faces], counts)
+        starts = self.first_corners(faces)
+        start = np.repeat(starts, counts)
         here = points[self.indices[start + place]]
         after = points[self.indices[start + (place + 1) % np.repeat(counts, counts)]]
         # Relative to a point near the face, or far-off coordinates would drown its area.
-        origin = np.repeat(points[self.indices[self.starts[faces]]], counts, axis=0)
+        origin = np.repeat(points[self.indices[starts]], counts, axis=0)
         sums = np.zeros((len(here) + 1, 3))
         np.cumsum(np.cross(here - origin, after - origin), axis=0, out=sums[1:])
         return sums[first + counts] - sums[first]

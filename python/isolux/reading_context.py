@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from typing import Any
 
@@ -21,12 +22,14 @@ class ReadingContext:
 
     time : at which attributes are read; the earliest samples where no time was asked for
     settings : of the solver, some of which say how finely or in which form geometry is read
+    threads : for what is done to every point and corner of a mesh
     meters_per_unit : m
     findings : grows while the stage is read
     """
 
     def __init__(self, stage: Usd.Stage, time_code: float | None, settings: SolverSettings) -> None:
         self.settings = settings
+        self.threads = settings.threads or len(os.sched_getaffinity(0))
         self.time = Usd.TimeCode.EarliestTime() if time_code is None else Usd.TimeCode(time_code)
         self.meters_per_unit = float(UsdGeom.GetStageMetersPerUnit(stage))
         self.findings: list[Finding] = []

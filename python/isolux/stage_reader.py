@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from pxr import Ar, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdUtils
@@ -65,6 +66,7 @@ def read_source(
         if time_code is None and opened.HasAuthoredMetadata("startTimeCode"):
             time_code = opened.GetStartTimeCode()
         context = ReadingContext(opened, time_code, settings)
+        hashing = _hash_beside(opened.GetUsedLayers())
         _note_composition_errors(opened, context)
         meshes, luminaires = _read_prims(opened, context)
         _note_diagnostics(diagnostics, context)
@@ -75,7 +77,7 @@ def read_source(
             meters_per_unit=context.meters_per_unit,
             up_axis=str(UsdGeom.GetStageUpAxis(opened)),
             time_code=time_code,
-            source_hash=_source_hash(opened),
+            source_hash=hashing.result(),
             read_seconds=time.perf_counter() - started,
         )
         return opened, scene, settings
@@ -223,16 +225,25 @@ def _note_diagnostics(
             context.note(Sdf.Path.absoluteRootPath, "USD", "noted", message)
 
 
-def _source_hash(stage: Usd.Stage) -> str:
-    """sha256 over what the used layers hold, whatever their order and place."""
-    digests = sorted(
-        hashlib.sha256(_layer_bytes(layer)).digest() for layer in stage.GetUsedLayers()
-    )
-    return hashlib.sha256(b"".join(digests)).hexdigest()
+def _hash_beside(layers: Iterable[Sdf.Layer]) -> Future[str]:
+    """sha256 over what layers hold, whatever their order and place; found while others read."""
+    thread = ThreadPoolExecutor(1)
+    found = thread.submit(_source_hash, layers)
+    thread.shutdown(wait=False)
+    return found
 
 
-def _layer_bytes(layer: Sdf.Layer) -> bytes:
-    on_disk = None
-    if not layer.anonymous and not layer.dirty:
-        on_disk = Ar.GetResolver().OpenAsset(layer.resolvedPath)
-    return bytes(on_disk.GetBuffer()) if on_disk else layer.ExportToString().encode()
+def _source_hash(layers: Iterable[Sdf.Layer]) -> str:
+    return hashlib.sha256(b"".join(sorted(_layer_digest(layer) for layer in layers))).hexdigest()
+
+
+def _layer_digest(layer: Sdf.Layer) -> bytes:
+    if layer.anonymous or layer.dirty:
+        return hashlib.sha256(layer.ExportToString().encode()).digest()
+    path = Path(str(layer.resolvedPath))
+    if path.is_file():
+        with path.open("rb") as file:  # a piece at a time: layers may be large
+            return hashlib.file_digest(file, "sha256").digest()
+    in_package = Ar.GetResolver().OpenAsset(layer.resolvedPath)
+    contents = in_package.GetBuffer() if in_package else layer.ExportToString().encode()
+    return hashlib.sha256(contents).digest()

@@ -1,0 +1,147 @@
+#include "core/authored_mesh.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+namespace isolux {
+namespace {
+
+// Entries that one thread takes at a time: a fraction of a millisecond of work.
+constexpr std::size_t kPart = 1 << 16;
+// Up to so many corners a face is compared pair by pair, beyond it is sorted.
+constexpr std::int32_t kFewCorners = 16;
+
+// Calls visit(part, begin, end) for all parts of n entries.
+template <typename Visit> void for_parts(std::size_t n, int threads, const Visit& visit) {
+    const std::size_t parts = (n + kPart - 1) / kPart;
+    const auto one = [&](std::size_t part) {
+        visit(part, part * kPart, std::min(n, (part + 1) * kPart));
+    };
+    if (parts <= 1 || threads == 1) {
+        for (std::size_t part = 0; part < parts; ++part) {
+            one(part);
+        }
+        return;
+    }
+    tbb::task_arena(threads).execute([&] { tbb::parallel_for(std::size_t{0}, parts, one); });
+}
+
+bool uses_a_point_twice(std::span<const std::int32_t> face, std::vector<std::int32_t>& sorted) {
+    const auto count = static_cast<std::int32_t>(face.size());
+    if (count > kFewCorners) {
+        sorted.assign(face.begin(), face.end());
+        std::ranges::sort(sorted);
+        return std::ranges::adjacent_find(sorted) != sorted.end();
+    }
+    bool twice = false;
+    for (std::int32_t i = 1; i < count; ++i) {
+        for (std::int32_t j = 0; j < i; ++j) {
+            twice |= face[i] == face[j];
+        }
+    }
+    return twice;
+}
+
+bool finite(const Vec3d& v) { return std::isfinite(v.x + v.y + v.z); }
+
+Vec3d turned(const Vec3f& v, const Placement& m) {
+    const Vec3d p = v.as<double>();
+    return m.x * p.x + m.y * p.y + m.z * p.z;
+}
+
+} // namespace
+
+TopologySurvey survey_topology(std::span<const std::int32_t> counts,
+                               std::span<const std::int32_t> indices, int threads) {
+    TopologySurvey out;
+    if (counts.empty()) {
+        return out;
+    }
+    std::vector<std::int64_t> sums((counts.size() + kPart - 1) / kPart);
+    const auto [least, greatest] = std::ranges::minmax(counts);
+    out.least_count = least;
+    out.greatest_count = greatest;
+    for_parts(counts.size(), threads, [&](std::size_t part, std::size_t begin, std::size_t end) {
+        for (std::size_t f = begin; f < end; ++f) {
+            sums[part] += counts[f];
+        }
+    });
+    std::vector<std::int64_t> first_corners;
+    for (const std::int64_t sum : sums) {
+        first_corners.push_back(out.corners);
+        out.corners += sum;
+    }
+    if (least < 0 || out.corners != static_cast<std::int64_t>(indices.size()) || indices.empty()) {
+        return out;
+    }
+
+    std::vector<TopologySurvey> surveys(sums.size());
+    for_parts(counts.size(), threads, [&](std::size_t part, std::size_t begin, std::size_t end) {
+        TopologySurvey own;
+        own.least_index = std::numeric_limits<std::int32_t>::max();
+        own.greatest_index = std::numeric_limits<std::int32_t>::min();
+        std::vector<std::int32_t> sorted;
+        auto first = static_cast<std::size_t>(first_corners[part]);
+        for (std::size_t f = begin; f < end; ++f) {
+            const auto face = indices.subspan(first, static_cast<std::size_t>(counts[f]));
+            for (const std::int32_t index : face) {
+                own.least_index = std::min(own.least_index, index);
+                own.greatest_index = std::max(own.greatest_index, index);
+            }
+            own.degenerate_faces += face.size() < 3 || uses_a_point_twice(face, sorted);
+            first += face.size();
+        }
+        surveys[part] = own;
+    });
+    out.least_index = std::ranges::min(surveys, {}, &TopologySurvey::least_index).least_index;
+    out.greatest_index =
+        std::ranges::max(surveys, {}, &TopologySurvey::greatest_index).greatest_index;
+    for (const TopologySurvey& survey : surveys) {
+        out.degenerate_faces += survey.degenerate_faces;
+    }
+    return out;
+}
+
+bool place_points(std::span<const Vec3f> points, const Placement& placement, std::span<Vec3d> out,
+                  int threads) {
+    std::vector<char> sound((points.size() + kPart - 1) / kPart);
+    for_parts(points.size(), threads, [&](std::size_t part, std::size_t begin, std::size_t end) {
+        bool all = true;
+        for (std::size_t i = begin; i < end; ++i) {
+            out[i] = turned(points[i], placement) + placement.translation;
+            all &= finite(out[i]);
+        }
+        sound[part] = all;
+    });
+    return std::ranges::all_of(sound, [](char all) { return all != 0; });
+}
+
+bool place_normals(std::span<const Vec3f> normals, std::span<const std::int32_t> of,
+                   const Placement& placement, std::span<Vec3f> out, int threads) {
+    std::vector<char> sound((normals.size() + kPart - 1) / kPart);
+    std::vector<Vec3f> placed(of.empty() ? 0 : normals.size());
+    const std::span<Vec3f> to = of.empty() ? out : std::span(placed);
+    for_parts(normals.size(), threads, [&](std::size_t part, std::size_t begin, std::size_t end) {
+        bool all = true;
+        for (std::size_t i = begin; i < end; ++i) {
+            const Vec3d normal = turned(normals[i], placement);
+            const double square = dot(normal, normal);
+            all &= square > 0.0 && std::isfinite(square);
+            to[i] = (normal * (1.0 / std::sqrt(square))).as<float>();
+        }
+        sound[part] = all;
+    });
+    for_parts(of.size(), threads, [&](std::size_t, std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            out[i] = placed[static_cast<std::size_t>(of[i])];
+        }
+    });
+    return std::ranges::all_of(sound, [](char all) { return all != 0; });
+}
+
+} // namespace isolux

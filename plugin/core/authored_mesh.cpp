@@ -12,9 +12,7 @@ namespace isolux {
 namespace {
 
 // Entries that one thread takes at a time: a fraction of a millisecond of work.
-constexpr std::size_t kPart = 1 << 16;
-// Up to so many corners a face is compared pair by pair, beyond it is sorted.
-constexpr std::int32_t kFewCorners = 16;
+constexpr std::size_t kPart = 1 << 14;
 
 // Calls visit(part, begin, end) for all parts of n entries.
 template <typename Visit> void for_parts(std::size_t n, int threads, const Visit& visit) {
@@ -31,20 +29,26 @@ template <typename Visit> void for_parts(std::size_t n, int threads, const Visit
     tbb::task_arena(threads).execute([&] { tbb::parallel_for(std::size_t{0}, parts, one); });
 }
 
-bool uses_a_point_twice(std::span<const std::int32_t> face, std::vector<std::int32_t>& sorted) {
-    const auto count = static_cast<std::int32_t>(face.size());
-    if (count > kFewCorners) {
-        sorted.assign(face.begin(), face.end());
-        std::ranges::sort(sorted);
-        return std::ranges::adjacent_find(sorted) != sorted.end();
-    }
+template <std::size_t Count> bool repeats(const std::int32_t* face) {
     bool twice = false;
-    for (std::int32_t i = 1; i < count; ++i) {
-        for (std::int32_t j = 0; j < i; ++j) {
+    for (std::size_t i = 1; i < Count; ++i) {
+        for (std::size_t j = 0; j < i; ++j) {
             twice |= face[i] == face[j];
         }
     }
     return twice;
+}
+
+bool uses_a_point_twice(std::span<const std::int32_t> face, std::vector<std::int32_t>& sorted) {
+    if (face.size() == 4) {
+        return repeats<4>(face.data());
+    }
+    if (face.size() == 3) {
+        return repeats<3>(face.data());
+    }
+    sorted.assign(face.begin(), face.end());
+    std::ranges::sort(sorted);
+    return std::ranges::adjacent_find(sorted) != sorted.end();
 }
 
 bool finite(const Vec3d& v) { return std::isfinite(v.x + v.y + v.z); }
@@ -83,16 +87,17 @@ TopologySurvey survey_topology(std::span<const std::int32_t> counts,
     std::vector<TopologySurvey> surveys(sums.size());
     for_parts(counts.size(), threads, [&](std::size_t part, std::size_t begin, std::size_t end) {
         TopologySurvey own;
-        own.least_index = std::numeric_limits<std::int32_t>::max();
-        own.greatest_index = std::numeric_limits<std::int32_t>::min();
         std::vector<std::int32_t> sorted;
         auto first = static_cast<std::size_t>(first_corners[part]);
+        const auto last = first + static_cast<std::size_t>(sums[part]);
+        own.least_index = std::numeric_limits<std::int32_t>::max();
+        own.greatest_index = std::numeric_limits<std::int32_t>::min();
+        for (std::size_t c = first; c < last; ++c) {
+            own.least_index = std::min(own.least_index, indices[c]);
+            own.greatest_index = std::max(own.greatest_index, indices[c]);
+        }
         for (std::size_t f = begin; f < end; ++f) {
             const auto face = indices.subspan(first, static_cast<std::size_t>(counts[f]));
-            for (const std::int32_t index : face) {
-                own.least_index = std::min(own.least_index, index);
-                own.greatest_index = std::max(own.greatest_index, index);
-            }
             own.degenerate_faces += face.size() < 3 || uses_a_point_twice(face, sorted);
             first += face.size();
         }

@@ -106,7 +106,10 @@ def _note_what_is_not_read(mesh: UsdGeom.Mesh, context: ReadingContext) -> None:
 
 
 def _hole_faces(mesh: UsdGeom.Mesh, face_count: int, context: ReadingContext) -> NDArray[np.int32]:
-    holes = np.unique(_array(mesh.GetHoleIndicesAttr(), context.time, np.int32))
+    authored = _array(mesh.GetHoleIndicesAttr(), context.time, np.int32)
+    if len(authored) == 0:
+        return authored
+    holes = np.unique(authored)
     inside = holes[(holes >= 0) & (holes < face_count)]
     if len(inside) < len(holes):
         reason = f"{len(holes) - len(inside)} hole indices name no face and are ignored"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable
 from typing import Any
@@ -50,9 +51,14 @@ class ReadingContext:
 
     def world_matrix(self, prim: Usd.Prim) -> NDArray[np.float64] | None:
         """(4, 4) float64 local-to-world for row vectors, in stage units; None where singular."""
-        matrix = np.array(self._transforms.GetLocalToWorldTransform(prim))
-        if not np.isfinite(matrix).all() or not np.array_equal(matrix[:, 3], (0, 0, 0, 1)):
+        transform = self._transforms.GetLocalToWorldTransform(prim)
+        matrix = np.array(transform)
+        if transform.GetColumn(3) != (0, 0, 0, 1) or not all(map(math.isfinite, matrix.flat)):
             return None
+        # The least scale over the greatest is at least the determinant over the size cubed.
+        size = math.hypot(*matrix[:3, :3].flat)
+        if abs(transform.GetDeterminant3()) > SINGULAR_SCALE * size * size * size > 0:
+            return matrix
         scales = np.linalg.svd(matrix[:3, :3], compute_uv=False)
         return matrix if scales[-1] > SINGULAR_SCALE * scales[0] else None
 

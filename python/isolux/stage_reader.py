@@ -22,6 +22,8 @@ from .scene_description import LuminaireDescription, MeshDescription, SceneDescr
 from .settings import SolverSettings, settings_from_stage
 
 SKIPPED_PURPOSES = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
+# Bytes of a layer hashed at a time: little memory, and few turns with the thread that reads.
+HASHED_PIECE = 1 << 22
 # Unloaded payloads are no part of the default predicate, and would go unseen.
 DEFINED_PRIMS = Usd.PrimIsActive & Usd.PrimIsDefined & ~Usd.PrimIsAbstract
 
@@ -242,8 +244,11 @@ def _layer_digest(layer: Sdf.Layer) -> bytes:
         return hashlib.sha256(layer.ExportToString().encode()).digest()
     path = Path(str(layer.resolvedPath))
     if path.is_file():
-        with path.open("rb") as file:  # a piece at a time: layers may be large
-            return hashlib.file_digest(file, "sha256").digest()
+        digest = hashlib.sha256()
+        with path.open("rb") as file:
+            while piece := file.read(HASHED_PIECE):
+                digest.update(piece)
+        return digest.digest()
     in_package = Ar.GetResolver().OpenAsset(layer.resolvedPath)
     contents = in_package.GetBuffer() if in_package else layer.ExportToString().encode()
     return hashlib.sha256(contents).digest()

@@ -199,7 +199,7 @@ def test_animated_points_are_read_at_the_asked_time():
     assert "time 5" in scene.findings[0].reason
 
 
-def test_a_skinned_mesh_is_read_in_its_rest_pose():
+def test_a_skinned_mesh_without_a_skeleton_is_read_in_its_rest_pose():
     scene = read_usda(square("int[] primvars:skel:jointIndices = [0, 0, 0, 0]"))
     assert found(scene) == [("/Square", "SkelBindingAPI", "approximated")]
 

@@ -1,6 +1,6 @@
 """Reads one polygon mesh of a stage: points in metres, faces, normals, orientation.
 
-Subdivision surfaces are read as their control cage, skinned meshes in their rest pose.
+Subdivision surfaces are read as their control cage, skinned meshes as `skinned_points` poses them.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from .materials import MaterialReader
 from .mesh_topology import MeshTopology
 from .reading_context import ReadingContext
 from .scene_description import MeshDescription
+from .skinned_points import Pose
 
 # Faces on which authored normals are compared with the winding: enough to tell a majority.
 NORMAL_CHECK_FACES = 2000
@@ -34,10 +35,8 @@ def read_mesh(
         context.note(prim, "Mesh", "skipped", "its transform is singular or not finite")
         return None
     points = _array(mesh.GetPointsAttr(), context.time, np.float32).reshape(-1, 3)
-    world = np.empty(points.shape)
-    if not _core.place_points(
-        points, to_world[:, :3] * context.meters_per_unit, world, context.threads
-    ):
+    world = _placed(points, to_world, context)
+    if world is None:
         context.note(prim, "Mesh", "skipped", "points that are NaN or infinite")
         return None
     topology = MeshTopology(
@@ -56,13 +55,20 @@ def read_mesh(
         )
         context.note(prim, "Mesh", "repaired", reason)
 
+    pose = context.skinning.pose(mesh, points, topology)
+    if pose:
+        to_world = pose.to_world
+        world = _placed(pose.points, to_world, context)
+        if world is None:
+            context.note(prim, "Mesh", "skipped", "posed points that are NaN or infinite")
+            return None
     mirrored = bool(np.linalg.det(to_world[:3, :3]) < 0)
     left_handed = mesh.GetOrientationAttr().Get(context.time) == UsdGeom.Tokens.leftHanded
     flip_winding = left_handed != mirrored
     _note_what_is_not_read(mesh, context)
     normals = None
     if mesh.GetSubdivisionSchemeAttr().Get(context.time) == UsdGeom.Tokens.none:
-        normals = _corner_normals(mesh, topology, to_world, context)
+        normals = _corner_normals(mesh, topology, to_world, context, pose)
     if normals is not None:
         opposed = _share_against_winding(normals, topology, world, flip_winding)
         if opposed >= TURNED_SHARE:
@@ -92,16 +98,21 @@ def _array(attribute: Usd.Attribute, time: Usd.TimeCode, dtype: type) -> NDArray
     return np.zeros(0, dtype) if values is None else np.asarray(values, dtype)
 
 
+def _placed(
+    points: NDArray[np.float32], to_world: NDArray[np.float64], context: ReadingContext
+) -> NDArray[np.float64] | None:
+    """(P, 3) float64 in metres, world space; None where some come out NaN or infinite."""
+    world = np.empty(points.shape)
+    matrix = to_world[:, :3] * context.meters_per_unit
+    return world if _core.place_points(points, matrix, world, context.threads) else None
+
+
 def _note_what_is_not_read(mesh: UsdGeom.Mesh, context: ReadingContext) -> None:
     prim = mesh.GetPrim()
     scheme = mesh.GetSubdivisionSchemeAttr().Get(context.time)
     if scheme != UsdGeom.Tokens.none:
         reason = f"{scheme} read as its control cage; subdivision is not read yet"
         context.note(prim, "subdivisionScheme", "approximated", reason)
-    if any(prim.HasAttribute(f"primvars:skel:{name}") for name in ("jointIndices", "joints")):
-        context.note(prim, "SkelBindingAPI", "approximated", "skinned mesh read in its rest pose")
-    if prim.GetRelationship("skel:blendShapeTargets").HasAuthoredTargets():
-        context.note(prim, "BlendShape", "approximated", "read without its blend shapes")
     context.note_animation(prim, [mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr()])
 
 
@@ -125,6 +136,7 @@ def _corner_normals(
     topology: MeshTopology,
     to_world: NDArray[np.float64],
     context: ReadingContext,
+    pose: Pose | None,
 ) -> NDArray[np.float32] | None:
     """(C, 3) float32 authored unit normals in world space; None where there are none to trust."""
     prim = mesh.GetPrim()
@@ -144,6 +156,14 @@ def _corner_normals(
         )
         context.note(prim, "normals", "repaired", reason + ": geometric ones instead")
         return None
+    if pose:
+        if pose.turn_normals is None:
+            reason = "blend shapes have moved its points: geometric ones instead"
+            context.note(prim, "normals", "approximated", reason)
+            return None
+        at_rest = topology.to_corners(values, interpolation).astype(np.float64)
+        values = np.asarray(pose.turn_normals(at_rest), np.float32)
+        interpolation = "faceVarying"
     # The inverse transpose keeps outward normals outward, under mirroring as well.
     turn = np.vstack([np.linalg.inv(to_world[:3, :3]).T, np.zeros((1, 3))])
     corners = np.empty((len(topology.indices), 3), np.float32)

@@ -13,6 +13,7 @@ from pxr import Ar, Sdf, Usd, UsdGeom
 
 from .scene_description import Finding, FindingAction
 from .settings import SolverSettings
+from .skinned_points import Skinning
 
 # A transform that flattens one direction by more than this, relative to the others, is singular.
 SINGULAR_SCALE = 1e-12
@@ -25,6 +26,7 @@ class ReadingContext:
     settings : of the solver, some of which say how finely or in which form geometry is read
     threads : for what is done to every point and corner of a mesh
     meters_per_unit : m
+    skinning : poses skinned meshes
     findings : grows while the stage is read
     """
 
@@ -34,6 +36,7 @@ class ReadingContext:
         self.time = Usd.TimeCode.EarliestTime() if time_code is None else Usd.TimeCode(time_code)
         self.meters_per_unit = float(UsdGeom.GetStageMetersPerUnit(stage))
         self.findings: list[Finding] = []
+        self.skinning = Skinning(self)
         self._transforms = UsdGeom.XformCache(self.time)
         self._still: set[Sdf.Path] = set()
 

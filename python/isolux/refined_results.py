@@ -21,6 +21,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
 
 from .output_fields import OUTPUT_FIELDS
 from .refined_topology import RefinedTopology
+from .results_meshes import LocalShape
 from .scene_description import Finding, FindingAction
 
 # Authored face of each triangle: a uniform primvar of every refined mesh.
@@ -37,35 +38,48 @@ _BLOCKED = (
     "skel:blendShapes",
 )
 _BY_POINT = ("velocities", "accelerations")
+# Primvars of skinned meshes that hold for the pose in which their skeleton was bound.
+_OF_THE_REST_POSE = ("normals", "skel:jointIndices", "skel:jointWeights")
 _Types = Sdf.ValueTypeNames
 
 
 def write_refined_mesh(
-    layer: Sdf.Layer, prim: Usd.Prim, time: Usd.TimeCode, topology: RefinedTopology
+    layer: Sdf.Layer,
+    prim: Usd.Prim,
+    time: Usd.TimeCode,
+    topology: RefinedTopology,
+    posed: LocalShape | None = None,
 ) -> list[Finding]:
     """Write topology, points, primvars and subsets of one mesh; what was there is replaced.
 
     layer : the results layer
     prim : the mesh on the source stage
     time : at which the source was read
+    posed : where a skeleton deforms the mesh, its pose: the refined mesh is bound to none
     returns : what could not be carried over as it is
     """
     diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # findings say it, not stderr
     try:
-        return _RefinedPrim(layer, prim, time, topology).write()
+        return _RefinedPrim(layer, prim, time, topology, posed).write()
     finally:
         diagnostics.TakeUncoalescedDiagnostics()
 
 
 class _RefinedPrim:
     def __init__(
-        self, layer: Sdf.Layer, prim: Usd.Prim, time: Usd.TimeCode, topology: RefinedTopology
+        self,
+        layer: Sdf.Layer,
+        prim: Usd.Prim,
+        time: Usd.TimeCode,
+        topology: RefinedTopology,
+        posed: LocalShape | None,
     ) -> None:
         self._spec = Sdf.CreatePrimInLayer(layer, prim.GetPath())
         self._prim = prim
         self._mesh = UsdGeom.Mesh(prim)
         self._time = time
         self._topology = topology
+        self._posed = posed
         self._findings: list[Finding] = []
 
     def write(self) -> list[Finding]:
@@ -74,12 +88,15 @@ class _RefinedPrim:
             attribute = self._prim.GetAttribute(name)
             if attribute.HasAuthoredValue():
                 self._write_attribute(attribute, "vertex")
-        if self._mesh.GetNormalsAttr().HasAuthoredValue():
+        if self._posed:
+            self._write_pose(self._posed)
+        elif self._mesh.GetNormalsAttr().HasAuthoredValue():
             self._write_attribute(
                 self._mesh.GetNormalsAttr(), str(self._mesh.GetNormalsInterpolation())
             )
         for primvar in UsdGeom.PrimvarsAPI(self._prim).GetPrimvarsWithAuthoredValues():
-            if primvar.GetPrimvarName() not in _OWN_PRIMVARS:
+            unbound = self._posed and primvar.GetPrimvarName() in _OF_THE_REST_POSE
+            if primvar.GetPrimvarName() not in _OWN_PRIMVARS and not unbound:
                 self._write_primvar(primvar)
         for name in _BLOCKED:
             attribute = self._prim.GetAttribute(name)
@@ -89,9 +106,24 @@ class _RefinedPrim:
             self._write_subset(subset)
         return self._findings
 
+    def _write_pose(self, posed: LocalShape) -> None:
+        """The pose's own normals; nothing of the skeleton."""
+        for primvar_name in _OF_THE_REST_POSE:
+            attribute = self._prim.GetAttribute(f"primvars:{primvar_name}")
+            if attribute.HasAuthoredValue():
+                self._author(attribute.GetName(), attribute.GetTypeName(), Sdf.ValueBlock())
+        if posed.corner_normals is None:
+            self._author("normals", _Types.Normal3fArray, Sdf.ValueBlock())
+            return
+        carried = _unit(self._topology.interpolated(posed.corner_normals, "faceVarying"))
+        normals = Vt.Vec3fArray.FromNumpy(carried.astype(np.float32))
+        attribute = self._author("normals", _Types.Normal3fArray, normals)
+        attribute.SetInfo("interpolation", UsdGeom.Tokens.faceVarying)
+
     def _write_topology(self) -> None:
         topology = self._topology
-        authored = np.asarray(self._mesh.GetPointsAttr().Get(self._time), np.float32)
+        at_rest = self._mesh.GetPointsAttr().Get(self._time)
+        authored = np.asarray(self._posed.points if self._posed else at_rest, np.float32)
         points = topology.interpolated(authored, "vertex").astype(np.float32)
         vt_points = Vt.Vec3fArray.FromNumpy(points)
         counts = np.full(len(topology.faces), 3, np.int32)

@@ -37,7 +37,8 @@ from .output_fields import (
 )
 from .refined_results import write_refined_mesh
 from .refined_topology import RefinedTopology, refined_topologies
-from .scene_description import Finding, SceneDescription
+from .results_meshes import local_shape, stage_of_mesh, write_as_mesh
+from .scene_description import Finding, MeshDescription, SceneDescription
 from .schedule import steps_record
 from .solution import MeshLayout, ProgressiveStage, RefinedMesh, Solution
 
@@ -115,6 +116,14 @@ class ResultsWriter:
             "timeCode": scene.time_code,
         }
         self.findings: list[Finding] = []
+        self._shape_findings: list[Finding] = []
+        self._posed = {
+            finding.path
+            for finding in scene.findings
+            if (finding.kind, finding.action) == ("SkelBindingAPI", "noted")
+        }
+        read_at = scene.time_code
+        self._time = Usd.TimeCode.EarliestTime() if read_at is None else Usd.TimeCode(read_at)
         self._stages: list[VertexIlluminance] = []
         self._meshes: dict[str, MeshOutput] = {}
         self._refined: RefinedMesh | None = None
@@ -135,6 +144,7 @@ class ResultsWriter:
             for mesh in self._scene.meshes:
                 corners = MeshCorners.of_authored(mesh, solution.layout(mesh.path))
                 self._meshes[mesh.path] = MeshOutput(mesh.path, mesh.reflectance, corners)
+                self._write_shape(mesh)
             self._adaptation = SceneAdaptation(self._scene.meshes, solution.layouts)
         stage = VertexIlluminance(
             float(solution.stage.index),
@@ -245,10 +255,10 @@ class ResultsWriter:
             )
         self._refined_paths = set(topologies)
         self._stages = [stage.on(refined, known) for stage in self._stages]
-        self.findings = []
+        self.findings = list(self._shape_findings)
         for mesh in self._scene.meshes:
             if mesh.path in topologies:
-                self._write_refined_mesh(mesh.path, topologies[mesh.path])
+                self._write_refined_mesh(mesh, topologies[mesh.path])
                 corners = MeshCorners.of_refined(topologies[mesh.path])
                 output = MeshOutput(mesh.path, mesh.reflectance, corners)
                 self._meshes[mesh.path] = output
@@ -267,18 +277,26 @@ class ResultsWriter:
             and any(path in refined for path in _sites(self._stage.GetPrimAtPath(mesh.path)))
         }
 
-    def _write_refined_mesh(self, path: str, topology: RefinedTopology) -> None:
+    def _write_refined_mesh(self, mesh: MeshDescription, topology: RefinedTopology) -> None:
         """Replace the mesh's faces, and the primvars that were written for the former ones."""
-        prim = self._layer.GetPrimAtPath(path)
+        prim = self._layer.GetPrimAtPath(mesh.path)
         for field in OUTPUT_FIELDS:
             for name in (f"primvars:{field.name}", f"primvars:{field.name}:indices"):
                 if prim and name in prim.attributes:
                     prim.RemoveProperty(prim.attributes[name])
-        scene_time = self._scene.time_code
-        time = Usd.TimeCode.EarliestTime() if scene_time is None else Usd.TimeCode(scene_time)
-        self.findings += write_refined_mesh(
-            self._layer, self._stage.GetPrimAtPath(path), time, topology
-        )
+        source = self._stage.GetPrimAtPath(mesh.path)
+        if not source.IsA(UsdGeom.Mesh):
+            alone = stage_of_mesh(source, self._time, mesh)
+            source = alone.GetPrimAtPath(mesh.path)
+        posed = local_shape(source, self._time, mesh) if mesh.path in self._posed else None
+        self.findings += write_refined_mesh(self._layer, source, self._time, topology, posed)
+
+    def _write_shape(self, mesh: MeshDescription) -> None:
+        """Where the source has a shape and no mesh, make it one."""
+        prim = self._stage.GetPrimAtPath(mesh.path)
+        if prim and not prim.IsA(UsdGeom.Mesh):
+            self._shape_findings += write_as_mesh(self._layer, prim, self._time, mesh)
+            self.findings = list(self._shape_findings)
 
     def _write_primvars(self, output: MeshOutput, stage: VertexIlluminance) -> None:
         for field, layout, values in output.primvars(stage):

@@ -1,0 +1,187 @@
+"""Skinned meshes: the pose against UsdSkel's own baking, and against rotations by hand."""
+
+import numpy as np
+import pytest
+from pxr import Gf, Usd, UsdGeom, UsdSkel
+
+from isolux import ProgressiveSolver, SolverSettings, read_stage
+from isolux.results import ResultsWriter
+from usda_stage import METRES, found, open_usda
+
+IDENTITY = "((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,0,0,1))"
+ELBOW = "((1,0,0,0),(0,1,0,0),(0,0,1,0),(2,0,0,1))"
+INFLUENCES = """
+    int[] primvars:skel:jointIndices = [0,1, 0,1, 0,1, 0,1, 0,1, 0,1] (
+        elementSize = 2
+        interpolation = "vertex"
+    )
+    float[] primvars:skel:jointWeights = [1,0, 0.5,0.5, 0,1, 1,0, 0.5,0.5, 0,1] (
+        elementSize = 2
+        interpolation = "vertex"
+    )
+"""
+RIGID = """
+    int[] primvars:skel:jointIndices = [1] ( interpolation = "constant" )
+    float[] primvars:skel:jointWeights = [1] ( interpolation = "constant" )
+"""
+BULGE = """
+    uniform token[] skel:blendShapes = ["bulge"]
+    rel skel:blendShapeTargets = </Up/Root/Arm/Bulge>
+    def BlendShape "Bulge" {
+        uniform vector3f[] offsets = [(0, 0, 1)]
+        uniform int[] pointIndices = [1]
+        uniform vector3f[] inbetweens:half = [(0, 0, 3)] ( weight = 0.5 )
+    }
+"""
+NORMALS = 'normal3f[] normals = [{}] ( interpolation = "{}" )'
+VERTEX_NORMALS = NORMALS.format(", ".join(["(0, 0, 1)"] * 6), "vertex")
+CORNER_NORMALS = NORMALS.format(", ".join(["(0, 0, 1)"] * 8), "faceVarying")
+
+
+def arm(body, applied='( prepend apiSchemas = ["SkelBindingAPI"] )', root="SkelRoot"):
+    """Two flat quads from x = 0 to 4, the elbow at x = 2 bends by 90 degrees from time 1 to 11."""
+    return f"""
+    def Xform "Up" {{
+        double3 xformOp:translate = (0, 0, 5)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        def {root} "Root" {{
+            float3 xformOp:rotateXYZ = (0, 0, 30)
+            uniform token[] xformOpOrder = ["xformOp:rotateXYZ"]
+            def Skeleton "Skeleton" ( prepend apiSchemas = ["SkelBindingAPI"] ) {{
+                uniform token[] joints = ["Arm", "Arm/Elbow"]
+                uniform matrix4d[] bindTransforms = [{IDENTITY}, {ELBOW}]
+                uniform matrix4d[] restTransforms = [{IDENTITY}, {ELBOW}]
+                rel skel:animationSource = </Up/Root/Bend>
+                double3 xformOp:translate = (1, 0, 0)
+                uniform token[] xformOpOrder = ["xformOp:translate"]
+            }}
+            def SkelAnimation "Bend" {{
+                uniform token[] joints = ["Arm", "Arm/Elbow"]
+                float3[] translations = [(0, 0, 0), (2, 0, 0)]
+                half3[] scales = [(1, 1, 1), (1, 1, 1)]
+                quatf[] rotations.timeSamples = {{
+                    1: [(1, 0, 0, 0), (1, 0, 0, 0)],
+                    11: [(1, 0, 0, 0), (0.70710678, 0, 0.70710678, 0)],
+                }}
+                uniform token[] blendShapes = ["bulge"]
+                float[] blendShapeWeights.timeSamples = {{ 1: [0], 11: [0.75] }}
+            }}
+            def Mesh "Arm" {applied} {{
+                rel skel:skeleton = </Up/Root/Skeleton>
+                int[] faceVertexCounts = [4, 4]
+                int[] faceVertexIndices = [0, 1, 4, 3, 1, 2, 5, 4]
+                point3f[] points = [(0,0,0), (2,0,0), (4,0,0), (0,1,0), (2,1,0), (4,1,0)]
+                uniform token subdivisionScheme = "none"
+                double3 xformOp:translate = (7, 7, 7)
+                uniform token[] xformOpOrder = ["xformOp:translate"]
+                {body}
+            }}
+        }}
+    }}
+    """
+
+
+def baked(stage, time):
+    """World points of the arm by UsdSkel.BakeSkinning on a copy."""
+    copy = Usd.Stage.Open(stage.Flatten())
+    UsdSkel.BakeSkinning(UsdSkel.Root(copy.GetPrimAtPath("/Up/Root")), Gf.Interval(1, 11))
+    prim = copy.GetPrimAtPath("/Up/Root/Arm")
+    matrix = np.array(UsdGeom.XformCache(time).GetLocalToWorldTransform(prim))
+    points = np.array(UsdGeom.Mesh(prim).GetPointsAttr().Get(time), float)
+    return points @ matrix[:3, :3] + matrix[3, :3]
+
+
+@pytest.mark.parametrize("time", [1, 11])  # where the animation has samples, baking has too
+@pytest.mark.parametrize("method", ["classicLinear", "dualQuaternion"])
+@pytest.mark.parametrize(
+    "body",
+    [INFLUENCES, RIGID, BULGE, INFLUENCES + BULGE, RIGID + BULGE],
+    ids=["linear", "rigid", "blend shape", "linear and blend shape", "rigid and blend shape"],
+)
+def test_the_pose_is_that_of_usds_own_baking(body, method, time):
+    body += f'uniform token primvars:skel:skinningMethod = "{method}"\n'
+    body += f"matrix4d primvars:skel:geomBindTransform = {ELBOW}\n"
+    stage = open_usda(arm(body))
+    scene = read_stage(stage, time)
+    np.testing.assert_allclose(scene.meshes[0].points, baked(stage, time), atol=1e-6)
+    assert ("/Up/Root/Arm", "SkelBindingAPI", "noted") in found(scene)
+
+
+def test_halfway_the_elbow_has_bent_by_45_degrees():
+    """Linear blending: a point of the forearm turns by 45 degrees about the elbow at x = 2."""
+    mesh = read_stage(open_usda(arm(INFLUENCES)), 6).meshes[0]
+    at_rest = open_usda(arm(""))
+    skeleton = at_rest.GetPrimAtPath("/Up/Root/Skeleton")
+    turn = np.array(UsdGeom.XformCache().GetLocalToWorldTransform(skeleton))
+    tip = np.array([2 + 2 * np.cos(np.pi / 4), 0, -2 * np.sin(np.pi / 4)])
+    np.testing.assert_allclose(mesh.points[2], tip @ turn[:3, :3] + turn[3, :3], atol=1e-6)
+
+
+def test_inbetweens_are_passed_on_the_way_to_a_blend_shape():
+    """Weight 0.375 lies at three quarters of the way to the inbetween: 0.75 times 3 up."""
+    flat, bulged = (read_stage(open_usda(arm(BULGE)), time).meshes[0].points for time in (1, 6))
+    np.testing.assert_allclose(bulged[1] - flat[1], (0, 0, 0.75 * 3), atol=1e-6)
+    np.testing.assert_allclose(np.delete(bulged, 1, 0), np.delete(flat, 1, 0))
+
+
+@pytest.mark.parametrize("normals", [VERTEX_NORMALS, CORNER_NORMALS])
+@pytest.mark.parametrize("influences", [INFLUENCES, RIGID])
+def test_normals_turn_with_the_joints(influences, normals):
+    """The far edge is the forearm's alone: its normal is the forearm's after 90 degrees."""
+    mesh = read_stage(open_usda(arm(influences + normals)), 11).meshes[0]
+    far = np.isin(mesh.face_vertex_indices, (2, 5))
+    along_x = np.array([np.cos(np.pi / 6), 0.5, 0])  # the root is turned by 30 degrees
+    np.testing.assert_allclose(mesh.corner_normals[far], [along_x] * far.sum(), atol=1e-6)
+
+
+def test_normals_that_blend_shapes_have_outdated_are_not_used():
+    scene = read_stage(open_usda(arm(BULGE + VERTEX_NORMALS)), 11)
+    assert scene.meshes[0].corner_normals is None
+    assert ("/Up/Root/Arm", "normals", "approximated") in found(scene)
+    scene = read_stage(open_usda(arm(BULGE + VERTEX_NORMALS)), 1)
+    assert scene.meshes[0].corner_normals is not None
+
+
+@pytest.mark.parametrize(
+    ("body", "applied", "root"),
+    [
+        (INFLUENCES, "", "SkelRoot"),
+        (INFLUENCES, '( prepend apiSchemas = ["SkelBindingAPI"] )', "Xform"),
+        (
+            INFLUENCES.replace("[0,1, 0,1,", "[0,1,"),
+            '( prepend apiSchemas = ["SkelBindingAPI"] )',
+            "SkelRoot",
+        ),
+    ],
+    ids=["no API", "no SkelRoot", "too few influences"],
+)
+def test_a_mesh_without_a_usable_binding_stays_at_rest_and_says_so(body, applied, root):
+    scene = read_stage(open_usda(arm(body, applied, root)), 11)
+    assert ("/Up/Root/Arm", "SkelBindingAPI", "approximated") in found(scene)
+    np.testing.assert_allclose(np.ptp(scene.meshes[0].points[:, 2]), 0, atol=1e-9)
+
+
+LAMP = """def SphereLight "Lamp" {
+    double3 xformOp:translate = (0, 0, 9)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    float inputs:intensity = 300
+}"""
+
+
+@pytest.mark.parametrize("output_mode", ["vertex", "refined"])
+def test_results_show_the_pose_at_the_time_of_the_light(tmp_path, output_mode):
+    """Vertex results leave the skeleton at work, refined ones freeze the pose."""
+    source = tmp_path / "arm.usda"
+    source.write_text("#usda 1.0\n" + METRES + arm(INFLUENCES + VERTEX_NORMALS) + LAMP)
+    scene = read_stage(source, 11)
+    writer = ResultsWriter(source, tmp_path / "out.usda", scene, {})
+    settings = SolverSettings(
+        output_mode=output_mode, subdivision_threshold=0.002, stages=3
+    ).with_budget(photons=20000)
+    for solution in ProgressiveSolver(scene, settings).stages():
+        writer.write(solution)
+    stage = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    points = baked(stage, 11)
+    first = len(scene.meshes[0].points)
+    np.testing.assert_allclose(points[:first], scene.meshes[0].points, atol=1e-5)
+    assert (len(points) > first) == (output_mode == "refined")

@@ -141,7 +141,7 @@ def test_a_replay_takes_no_other_settings(solved):
 
 
 def test_the_report_tells_the_run_and_what_was_not_taken_as_it_stands(here):
-    skipped = '    def Sphere "Ball" {\n    }\n'
+    skipped = '    def Points "Ball" {\n    }\n'
     inside_out = WALLS.replace('"Walls" {', '"Hull" {\n uniform token orientation = "leftHanded"')
     source = write_stage(here / "odd.usda", FLOOR, inside_out, LAMP, skipped)
     result = isolux("solve", source, "--photons", 20000, "--threads", 2, "--report", "run.json")
@@ -154,7 +154,7 @@ def test_the_report_tells_the_run_and_what_was_not_taken_as_it_stands(here):
     assert {"DEPT", "DDL"} < {stage["component"] for stage in stages}
     assert stages[-1]["switchover_photons"] <= stages[-1]["photons"] == 20000
     found = [(f["path"], f["kind"], f["action"]) for f in report["findings"]]
-    assert ("/World/Ball", "Sphere", "skipped") in found
+    assert ("/World/Ball", "Points", "skipped") in found
     assert ("/World/Hull", "orientation", "noted") in found  # only photons can tell
     for path, kind, action in found:
         assert any(
@@ -164,7 +164,7 @@ def test_the_report_tells_the_run_and_what_was_not_taken_as_it_stands(here):
 
 
 def test_a_summary_shows_the_first_few_of_many_findings(here):
-    balls = [f'    def Sphere "Ball{i}" {{\n    }}\n' for i in range(5)]
+    balls = [f'    def Points "Ball{i}" {{\n    }}\n' for i in range(5)]
     source = write_stage(here / "balls.usda", FLOOR, LAMP, *balls)
     summary = isolux("solve", source, "--photons", 1000).stderr
     assert "/World/Ball0, /World/Ball1, /World/Ball2, …" in summary

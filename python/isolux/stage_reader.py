@@ -14,6 +14,7 @@ from pathlib import Path
 from pxr import Ar, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdUtils
 
 from .errors import SceneError
+from .gprim_reader import read_gprim
 from .light_reader import read_light
 from .materials import MaterialReader
 from .mesh_reader import read_mesh
@@ -137,13 +138,10 @@ def _read_prims(
             context.note(prim, str(prim.GetTypeName()), "skipped", reason)
         if not prim.IsA(UsdGeom.Gprim) or _is_stand_in(prim, context):
             continue
-        if prim.IsA(UsdGeom.Mesh):
-            mesh = read_mesh(prim, context, materials)
-            if mesh:
-                meshes.append(mesh)
-        else:
-            kind = str(prim.GetTypeName())
-            context.note(prim, kind, "skipped", "only polygon meshes are read yet")
+        read_shape = read_mesh if prim.IsA(UsdGeom.Mesh) else read_gprim
+        mesh = read_shape(prim, context, materials)
+        if mesh:
+            meshes.append(mesh)
     return meshes, luminaires
 
 

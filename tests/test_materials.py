@@ -1,15 +1,9 @@
 """Diffuse reflectance: bound materials, textures, displayColor, and values that are none."""
 
-import io
-
 import numpy as np
-import OpenEXR
 import pytest
-from PIL import Image
-from pxr import Sdf, Usd
 
 from isolux import SceneError
-from isolux.stage_reader import read_stage
 from usda_stage import found, read_usda
 
 TWO_TRIANGLES = """
@@ -174,9 +168,14 @@ def test_a_perfect_white_is_taken_down_to_99_percent_once():
 @pytest.mark.parametrize(
     ("inputs", "kind", "action"),
     [
-        ("color3f inputs:emissiveColor = (5, 5, 5)", "emissiveColor", "skipped"),
-        ("float inputs:opacity = 0.5", "opacity", "approximated"),
         ("float inputs:metallic = 0.5", "metallic", "approximated"),
+        (
+            "color3f inputs:specularColor = (0.3, 0.3, 0.3)\nint inputs:useSpecularWorkflow = 1",
+            "specularColor",
+            "approximated",
+        ),
+        ("color3f inputs:emissiveColor = (-5, 5, 5)", "emission", "repaired"),
+        ("float inputs:opacity = 1.5", "opacity", "repaired"),
     ],
 )
 def test_what_a_material_does_besides_is_reported(inputs, kind, action):
@@ -199,73 +198,3 @@ def test_a_network_that_is_not_understood_falls_back_to_display_colour(inputs, s
     scene = read_usda(mesh(colour, "/Paint") + text)
     np.testing.assert_allclose(scene.meshes[0].reflectance, [[0.5, 0, 0]])
     assert [action for _, _, action in found(scene)] == ["approximated"]
-
-
-# Textures: half of the texels dark, half bright.
-SRGB_188 = ((188 / 255 + 0.055) / 1.055) ** 2.4  # 0.5029, by IEC 61966-2-1
-
-
-def read_textured(folder, inputs="", channel="rgb"):
-    connected = f"color3f inputs:diffuseColor.connect = </Paint/Texture.outputs:{channel}>"
-    text = mesh(binding="/Paint") + material(connected)
-    text = text.replace("float4 inputs:fallback", f"{inputs}\n float4 inputs:fallback")
-    (folder / "stage.usda").write_text("#usda 1.0\n" + text)
-    return read_stage(folder / "stage.usda")
-
-
-def png(mode="RGB", dark=0, bright=188):
-    image = Image.new(mode, (2, 2), dark if mode == "L" else (dark,) * len(mode))
-    for x in range(2):
-        image.putpixel((x, 0), bright if mode == "L" else (bright,) * len(mode))
-    contents = io.BytesIO()
-    image.save(contents, "png")
-    return contents.getvalue()
-
-
-@pytest.mark.parametrize(
-    ("mode", "inputs", "channel", "expected"),
-    [
-        ("RGB", "", "rgb", SRGB_188 / 2),  # auto: 8 bits, three channels
-        ("L", "", "rgb", 188 / 255 / 2),  # auto: one channel is raw
-        ("RGB", 'token inputs:sourceColorSpace = "raw"', "rgb", 188 / 255 / 2),
-        ("L", 'token inputs:sourceColorSpace = "sRGB"', "rgb", SRGB_188 / 2),
-        ("RGB", "float4 inputs:scale = (0.5, 0.5, 0.5, 1)", "rgb", SRGB_188 / 4),
-        ("RGB", "float4 inputs:bias = (0.2, 0.2, 0.2, 0)", "rgb", SRGB_188 / 2 + 0.2),
-        ("RGB", "", "g", SRGB_188 / 2),
-    ],
-)
-def test_a_texture_is_its_mean_in_linear_light(tmp_path, mode, inputs, channel, expected):
-    (tmp_path / "texture.png").write_bytes(png(mode))
-    scene = read_textured(tmp_path, inputs, channel)
-    np.testing.assert_allclose(scene.meshes[0].reflectance, [[expected] * 3], rtol=1e-5)
-    assert found(scene) == [("/Paint/Texture", "UsdUVTexture", "approximated")]
-
-
-def test_an_openexr_texture_is_linear(tmp_path):
-    pixels = np.zeros((4, 4, 3), np.float32)
-    pixels[:2] = (0.2, 0.4, 0.8)
-    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": pixels}) as image:
-        image.write(str(tmp_path / "texture.exr"))
-    (tmp_path / "texture.exr").rename(tmp_path / "texture.png")  # the contents tell, not the name
-    reflectance = read_textured(tmp_path).meshes[0].reflectance
-    np.testing.assert_allclose(reflectance, [[0.1, 0.2, 0.4]], rtol=1e-3)
-
-
-@pytest.mark.parametrize("contents", [None, b"", b"no image", png()[:45]])
-def test_an_unreadable_texture_gives_its_fallback_and_says_so(tmp_path, contents):
-    if contents is not None:
-        (tmp_path / "texture.png").write_bytes(contents)
-    scene = read_textured(tmp_path)
-    np.testing.assert_allclose(scene.meshes[0].reflectance, [[0.1, 0.2, 0.3]], rtol=1e-6)
-    assert found(scene) == [("/Paint/Texture", "UsdUVTexture", "skipped")]
-
-
-def test_a_texture_inside_a_usdz_package(tmp_path):
-    (tmp_path / "texture.png").write_bytes(png())
-    read_textured(tmp_path)
-    package = Sdf.ZipFileWriter.CreateNew(str(tmp_path / "room.usdz"))
-    with package:
-        package.AddFile(str(tmp_path / "stage.usda"), "stage.usda")
-        package.AddFile(str(tmp_path / "texture.png"), "texture.png")
-    reflectance = read_stage(Usd.Stage.Open(str(tmp_path / "room.usdz"))).meshes[0].reflectance
-    np.testing.assert_allclose(reflectance, [[SRGB_188 / 2] * 3], rtol=1e-5)

@@ -79,6 +79,7 @@ def read_mesh(
             reason = "most point to the back of their faces: geometric ones instead"
             context.note(prim, "normals", "repaired", reason)
             normals = None
+    surfaces = materials.surfaces(mesh, topology)
     return MeshDescription(
         path=str(prim.GetPath()),
         points=world,
@@ -86,9 +87,11 @@ def read_mesh(
         face_vertex_indices=topology.indices,
         corner_normals=normals,
         hole_faces=_hole_faces(mesh, len(topology.counts), context),
-        reflectance=materials.reflectance(mesh, topology),
+        reflectance=surfaces.reflectance,
         double_sided=bool(mesh.GetDoubleSidedAttr().Get(context.time)),
         flip_winding=flip_winding,
+        opacity=surfaces.opacity,
+        emission=surfaces.emission,
     )
 
 

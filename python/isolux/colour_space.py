@@ -1,0 +1,82 @@
+"""Colours of named spaces in the working space, linear Rec. 709.
+
+A name is looked up in the OpenColorIO configuration of the environment variable OCIO, else in the
+built-in ACES one, which knows USD's own names (lin_ap1_scene, srgb_p3d65_scene, ...).
+"""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+
+import numpy as np
+import PyOpenColorIO
+from numpy.typing import NDArray
+
+WORKING_SPACE = "lin_rec709_scene"
+_LINEAR = ("", WORKING_SPACE, "lin_rec709", "lin_srgb", "auto")
+_SRGB = ("srgb", "srgb_texture", "srgb_rec709_scene")
+# Numbers that are no colours [UsdColorSpaceAPI: data, raw, identity, unknown].
+_NO_COLOUR = ("raw", "data", "identity", "unknown", "none")
+
+
+class UnknownColourSpaceError(ValueError):
+    """A name that no configuration knows."""
+
+
+def to_linear_rec709(values: NDArray[np.floating], space: str) -> NDArray[np.floating]:
+    """Colours of the space that `space` names, as linear Rec. 709.
+
+    values : (..., 3), in [0, 1] where `space` is encoded for displays
+    returns : the same shape; negative or above 1 where a colour lies outside of Rec. 709
+    Raises UnknownColourSpaceError.
+    """
+    name = space.lower()
+    if name in _LINEAR or name in _NO_COLOUR:
+        return values
+    if name in _SRGB:
+        return srgb_to_linear(values)
+    colours = np.ascontiguousarray(values, np.float32)
+    if colours is values:
+        colours = colours.copy()
+    _processor(space, os.environ.get("OCIO", "")).applyRGB(colours.reshape(-1, 3))
+    return colours
+
+
+def is_colour_space(space: str) -> bool:
+    """Whether the name is known."""
+    try:
+        to_linear_rec709(np.zeros((1, 3), np.float32), space)
+    except UnknownColourSpaceError:
+        return False
+    return True
+
+
+def is_srgb(space: str) -> bool:
+    """Whether the name is one of sRGB's, the usual encoding of 8-bit pictures."""
+    return space.lower() in _SRGB
+
+
+def srgb_to_linear(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
+    """IEC 61966-2-1."""
+    return np.where(
+        encoded <= 0.04045,
+        encoded / 12.92,
+        ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4,
+    )
+
+
+@cache
+def _processor(space: str, chosen: str) -> PyOpenColorIO.CPUProcessor:
+    builtin = PyOpenColorIO.Config.CreateFromFile("ocio://default")
+    try:
+        config = PyOpenColorIO.Config.CreateFromFile(chosen) if chosen else builtin
+        if config.getColorSpace(space):
+            processor = PyOpenColorIO.Config.GetProcessorFromConfigs(
+                config, space, builtin, WORKING_SPACE
+            )
+        else:
+            processor = builtin.getProcessor(space, WORKING_SPACE)
+        return processor.getDefaultCPUProcessor()
+    except (PyOpenColorIO.Exception, PyOpenColorIO.ExceptionMissingFile) as error:
+        raise UnknownColourSpaceError(str(error)) from error

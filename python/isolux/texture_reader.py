@@ -1,0 +1,93 @@
+"""The texture of a node: its tiles, and a finding where they can't be read."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Usd, UsdShade
+
+from .colour_space import UnknownColourSpaceError, is_colour_space
+from .errors import SceneError
+from .reading_context import ReadingContext
+from .shader_values import Textured, TextureLayout
+from .textures import Texture, read_texture
+
+# Textures kept beyond the material that they were read for.
+KEPT_BYTES = 1 << 28
+
+
+class TextureReader:
+    """Reads each file once in each colour space, as long as KEPT_BYTES allow."""
+
+    def __init__(self, context: ReadingContext) -> None:
+        self._context = context
+        self._kept: OrderedDict[tuple[str, str], Texture] = OrderedDict()
+
+    def texture(
+        self,
+        prim: Usd.Prim,
+        asset: Sdf.AssetPath,
+        source: Usd.Attribute | None,
+        space: str,
+        layout: TextureLayout,
+        fallback: NDArray[np.float64],
+    ) -> Textured | None:
+        """The texture of a node; None, with a finding, where it has none that can be read."""
+        if space != "auto" and not is_colour_space(space):
+            reason = f"nothing knows its colour space {space}: taken as raw"
+            self._context.note(prim, "sourceColorSpace", "approximated", reason)
+            space = "raw"
+        is_udim = UsdShade.UdimUtils.IsUdimIdentifier(asset.path)
+        files = {0: asset}
+        if is_udim:
+            files = _tiles(asset, source)
+        read: dict[int, Texture] = {}
+        for number, file in files.items():
+            try:
+                read[number] = self._file(file, space)
+            except (SceneError, UnknownColourSpaceError) as error:
+                found = error.found if isinstance(error, SceneError) else str(error)
+                self._skip(prim, file.path, found)
+        if not read:
+            if is_udim and not files:
+                self._skip(prim, asset.path, "no tiles")
+            return None
+        reason = "a face takes the mean of its part of the texture"
+        self._context.note(prim, "UsdUVTexture", "approximated", reason)
+        metadata = next(iter(read.values())).wrap
+        across, down = (
+            mode if mode in ("repeat", "mirror", "clamp", "black") else found or "black"
+            for mode, found in zip(layout.wrap, metadata, strict=True)
+        )
+        wrap = ("clamp", "clamp") if is_udim else (across, down)
+        outside = fallback if is_udim else np.array([0.0, 0.0, 0.0, 0.0])
+        tiles = {number: texture.texels for number, texture in read.items()}
+        return Textured(tiles, outside, TextureLayout(layout.coordinates, wrap, is_udim))
+
+    def _skip(self, prim: Usd.Prim, name: str, found: str) -> None:
+        reason = f"texture {name or 'without a file'}: {found}; its fallback instead"
+        self._context.note(prim, "UsdUVTexture", "skipped", reason)
+
+    def _file(self, asset: Sdf.AssetPath, space: str) -> Texture:
+        key = (asset.resolvedPath, space)
+        if key in self._kept:
+            self._kept.move_to_end(key)
+            return self._kept[key]
+        texture = read_texture(asset, space)
+        self._kept[key] = texture
+        while (
+            len(self._kept) > 1 and sum(t.texels.nbytes for t in self._kept.values()) > KEPT_BYTES
+        ):
+            self._kept.popitem(last=False)
+        return texture
+
+
+def _tiles(asset: Sdf.AssetPath, source: Usd.Attribute | None) -> dict[int, Sdf.AssetPath]:
+    """Files of a UDIM set by their number; the path is relative to the layer that says it."""
+    specs = source.GetPropertyStack() if source else []
+    if not specs:
+        return {}
+    found = UsdShade.UdimUtils.ResolveUdimTilePaths(asset.path, specs[0].layer)
+    return {int(number): Sdf.AssetPath(path, path) for path, number in found}

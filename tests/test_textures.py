@@ -1,0 +1,298 @@
+"""Textures on the faces of meshes: the mean of the texels that a face covers."""
+
+import struct
+import zlib
+
+import numpy as np
+import OpenEXR
+import pytest
+from pxr import Sdf, Usd
+
+from isolux.stage_reader import read_stage
+from textured_stage import FLAT, grid, material, mesh, png, quad, read_at, texture, values
+from usda_stage import found
+
+SRGB_188 = ((188 / 255 + 0.055) / 1.055) ** 2.4  # 0.5029, by IEC 61966-2-1
+# Eight by eight greys unlike each other, the first row on top.
+GREYS = (np.arange(64).reshape(8, 8) * 37 + 11) % 251
+TEXTURE_READ = ("/Paint/Texture", "UsdUVTexture", "approximated")
+
+
+def reflectance_of(folder, floor, nodes, **files):
+    return read_at(folder, floor + material(nodes), **files).meshes[0].reflectance
+
+
+def test_a_textured_floor_reflects_the_mean_of_its_texels(tmp_path):
+    pictures = {"texture": png(GREYS)}
+    one_face = reflectance_of(tmp_path, quad(), texture(), **pictures)
+    many_faces = reflectance_of(tmp_path, grid(5), texture(), **pictures)  # 1.6 texels a face
+    np.testing.assert_allclose(one_face[0], GREYS.mean() / 255, rtol=1e-6)
+    np.testing.assert_allclose(many_faces.mean(axis=0), GREYS.mean() / 255, rtol=1e-6)
+
+
+def test_a_face_over_one_texel_has_its_colour_row_by_row_from_below(tmp_path):
+    reflectance = reflectance_of(tmp_path, grid(8), texture(), texture=png(GREYS))
+    np.testing.assert_allclose(reflectance[:, 0].reshape(8, 8), GREYS[::-1] / 255, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("mode", "inputs", "channel", "expected"),
+    [
+        ("RGB", 'token inputs:sourceColorSpace = "auto"', "rgb", SRGB_188 / 2),
+        ("L", 'token inputs:sourceColorSpace = "auto"', "rgb", 188 / 255 / 2),
+        ("RGB", "", "rgb", 188 / 255 / 2),
+        ("L", 'token inputs:sourceColorSpace = "sRGB"', "rgb", SRGB_188 / 2),
+        ("RGB", 'token inputs:sourceColorSpace = "srgb_rec709_scene"', "rgb", SRGB_188 / 2),
+        ("RGB", "float4 inputs:scale = (0.5, 0.5, 0.5, 1)", "rgb", 188 / 255 / 4),
+        ("RGB", "float4 inputs:bias = (0.2, 0.2, 0.2, 0)", "rgb", 188 / 255 / 2 + 0.2),
+        ("RGB", "", "g", 188 / 255 / 2),
+        ("RGB", "float4 inputs:scale = (1, 1, 1, 0.3)", "a", 0.3),
+        ("RGBA", "", "a", 188 / 255 / 2),
+        ("L", "", "b", 188 / 255 / 2),
+    ],
+)
+def test_a_texture_is_averaged_in_linear_light(tmp_path, mode, inputs, channel, expected):
+    """Half of the texels are dark, half at level 188."""
+    texels = np.zeros((2, 2, len(mode)))
+    texels[0] = 188
+    nodes = texture(inputs)
+    text = quad() + material(nodes).replace("Texture.outputs:rgb", f"Texture.outputs:{channel}")
+    scene = read_at(tmp_path, text, texture=png(texels[..., 0] if mode == "L" else texels))
+    np.testing.assert_allclose(scene.meshes[0].reflectance, [[expected] * 3], rtol=1e-5)
+    assert found(scene) == [TEXTURE_READ]
+
+
+@pytest.mark.parametrize(
+    ("wrap", "means"),
+    [  # faces at s in -1..0, 0..1, 1..2, 2..3 of a picture of a dark and a bright half
+        ("repeat", [0.5, 0.5, 0.5, 0.5]),
+        ("clamp", [0.0, 0.5, 1.0, 1.0]),
+        ("black", [0.0, 0.5, 0.0, 0.0]),
+        ("useMetadata", [0.0, 0.5, 0.0, 0.0]),
+    ],
+)
+def test_wrap_modes_beyond_the_picture(tmp_path, wrap, means):
+    modes = f'token inputs:wrapS = "{wrap}"\n token inputs:wrapT = "{wrap}"'
+    halves = png(np.array([[0, 204]]))
+    for left, mean in zip((-1, 0, 1, 2), means, strict=True):
+        square = [(left, 0), (left + 1, 0), (left + 1, 1), (left, 1)]
+        reflectance = reflectance_of(tmp_path, quad(square), texture(modes), texture=halves)
+        np.testing.assert_allclose(reflectance[0], mean * 0.8, atol=1e-6)
+
+
+def test_a_mirrored_picture_meets_itself(tmp_path):
+    halves = png(np.array([[0, 204]]))
+    mirrored = 'token inputs:wrapS = "mirror"'
+    for left, expected in ((0.5, 0.8), (1.0, 0.8), (1.5, 0.0), (-0.5, 0.0)):
+        square = [(left, 0), (left + 0.5, 0), (left + 0.5, 1), (left, 1)]
+        reflectance = reflectance_of(tmp_path, quad(square), texture(mirrored), texture=halves)
+        np.testing.assert_allclose(reflectance[0], expected, atol=1e-6)
+
+
+def test_black_is_scaled_and_biased_like_the_rest(tmp_path):
+    far = [(5, 0), (6, 0), (6, 1), (5, 1)]
+    modes = 'token inputs:wrapS = "black"\n float4 inputs:bias = (0.1, 0.2, 0.3, 0)'
+    reflectance = reflectance_of(tmp_path, quad(far), texture(modes), texture=png(GREYS))
+    np.testing.assert_allclose(reflectance, [[0.1, 0.2, 0.3]], rtol=1e-6)
+
+
+QUARTERS = np.array([[51, 102], [153, 204]])  # 0.2 0.4 on top, 0.6 0.8 below
+
+
+@pytest.mark.parametrize(
+    ("transform", "expected"),
+    [
+        ("float2 inputs:scale = (0.5, 0.5)", 0.6),  # the lower left quarter
+        ("float2 inputs:scale = (0.5, 0.5)\nfloat2 inputs:translation = (0.5, 0.5)", 0.4),
+        # turned by 90 degrees the lower left quarter lies at s in -0.5..0, thus lower right
+        ("float2 inputs:scale = (0.5, 0.5)\nfloat inputs:rotation = 90", 0.8),
+    ],
+)
+def test_transformed_coordinates(tmp_path, transform, expected):
+    moved = f"""
+    def Shader "Moved" {{
+        uniform token info:id = "UsdTransform2d"
+        float2 inputs:in.connect = </Paint/Reader.outputs:result>
+        {transform}
+        float2 outputs:result
+    }}"""
+    by_it = "float2 inputs:st.connect = </Paint/Moved.outputs:result>"
+    repeat = 'token inputs:wrapS = "repeat"\n token inputs:wrapT = "repeat"'
+    nodes = texture(repeat, st=by_it) + moved
+    reflectance = reflectance_of(tmp_path, quad(), nodes, texture=png(QUARTERS))
+    np.testing.assert_allclose(reflectance[0], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("interpolation", "coordinates", "expected"),
+    [
+        ("constant", [(0.25, 0.25)], [0.6, 0.6]),
+        ("uniform", [(0.25, 0.25), (0.75, 0.75)], [0.6, 0.4]),
+        ("varying", [(0, 0), (0.5, 0), (1, 0), (0, 1), (0.5, 1), (1, 1)], [0.4, 0.6]),
+        ("vertex", [(0, 0), (0.5, 0), (1, 0), (0, 1), (0.5, 1), (1, 1)], [0.4, 0.6]),
+        (
+            "faceVarying",
+            [(0, 0), (0.5, 0), (0.5, 0.5), (0, 0.5), (0.5, 0.5), (1, 0.5), (1, 1), (0.5, 1)],
+            [0.6, 0.4],
+        ),
+    ],
+)
+@pytest.mark.parametrize("indexed", [False, True])
+def test_coordinates_of_every_interpolation(
+    tmp_path, interpolation, coordinates, expected, indexed
+):
+    """Two faces side by side, over six points; constant coordinates are inherited."""
+    inherited = interpolation == "constant"
+    points = [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)]
+    order = range(len(coordinates))
+    indices = ""
+    if indexed:
+        coordinates, order = coordinates[::-1], [*order][::-1]
+        indices = f"\nint[] primvars:st:indices = {list(order)}"
+    primvar = f"""texCoord2f[] primvars:st = [{values(coordinates)}] (
+        interpolation = "{interpolation}" ){indices}"""
+    text = mesh(points, [4, 4], [0, 1, 4, 3, 1, 2, 5, 4], extra="" if inherited else primvar)
+    if inherited:
+        text = f'def Xform "Room" {{ {primvar}\n{text} }}'
+    reflectance = reflectance_of(tmp_path, text, texture(), texture=png(QUARTERS))
+    np.testing.assert_allclose(np.broadcast_to(reflectance, (2, 3))[:, 0], expected, atol=1e-6)
+
+
+def test_a_mesh_without_coordinates_takes_the_mean_and_says_so(tmp_path):
+    scene = read_at(tmp_path, quad(None) + material(texture()), texture=png(GREYS))
+    np.testing.assert_allclose(scene.meshes[0].reflectance[0], GREYS.mean() / 255, rtol=1e-6)
+    assert found(scene) == [TEXTURE_READ, ("/Floor", "UsdUVTexture", "approximated")]
+    assert "no primvar st" in scene.findings[1].reason
+
+
+def test_a_readers_fallback_stands_for_missing_coordinates(tmp_path):
+    text = quad(None) + material(texture())
+    text = text.replace('varname = "st"', 'varname = "st"\n float2 inputs:fallback = (0.75, 0.75)')
+    scene = read_at(tmp_path, text, texture=png(QUARTERS))
+    np.testing.assert_allclose(scene.meshes[0].reflectance[0], 0.4, rtol=1e-6)
+
+
+UDIM = {
+    "paint.1001": png(np.full((2, 2), 51)),
+    "paint.1002": png(np.full((4, 4), 102)),
+    "paint.1011": png(np.full((2, 2), 204)),
+}
+
+
+def test_udim_tiles_lie_ten_across_and_a_missing_one_is_the_fallback(tmp_path):
+    corners = [
+        (x + i, y + j) for j in (0, 1) for i in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))
+    ]
+    text = mesh(corners, [4] * 4, range(16), corners)
+    node = texture("float4 inputs:fallback = (0.1, 0.1, 0.1, 1)", file="paint.<UDIM>.png")
+    scene = read_at(tmp_path, text + material(node), **UDIM)
+    np.testing.assert_allclose(scene.meshes[0].reflectance[:, 0], [0.2, 0.4, 0.8, 0.1], rtol=1e-6)
+    assert [f.reason for f in scene.findings if "tile" in f.reason]
+
+
+def test_concave_and_bent_faces_weigh_their_parts_by_area(tmp_path):
+    """An arrowhead whose notch is over a bright corner of the picture; coordinates as points."""
+    arrow = [(0, 0), (1, 0.5), (0, 1), (0.4, 0.5)]
+    text = mesh(arrow, [4], range(4), arrow)
+    reflectance = reflectance_of(tmp_path, text, texture(), texture=png(np.array([[0, 204]])))
+    # Right half: a triangle of height 1/2 and base 1/2 (at x = 1/2 the outline spans 0.25..0.75);
+    # the whole: 1/2 less the notch of 0.2.
+    np.testing.assert_allclose(reflectance[0], 0.8 * 0.125 / 0.3, rtol=1e-6)
+
+
+def png16(samples: np.ndarray) -> bytes:
+    """A PNG of (H, W, C) uint16 samples, written by hand: Pillow writes none."""
+    height, width, channels = samples.shape
+    header = struct.pack(">IIBBBBB", width, height, 16, {1: 0, 2: 4, 3: 2, 4: 6}[channels], 0, 0, 0)
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in samples)
+
+    def chunk(kind: bytes, contents: bytes) -> bytes:
+        check = struct.pack(">I", zlib.crc32(kind + contents))
+        return struct.pack(">I", len(contents)) + kind + contents + check
+
+    body = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + body
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_sixteen_bits_are_linear_and_kept(tmp_path, channels):
+    samples = np.arange(4 * channels).reshape(2, 2, channels) * 1000 + 77
+    node = texture('token inputs:sourceColorSpace = "auto"')
+    reflectance = reflectance_of(tmp_path, quad(), node, texture=png16(samples))
+    expected = samples.mean(axis=(0, 1))[: 3 if channels > 1 else 1] / 65535
+    np.testing.assert_allclose(reflectance[0], np.resize(expected, 3), rtol=1e-6)
+
+
+def exr(folder, name, pixels, **header):
+    with OpenEXR.File({"type": OpenEXR.scanlineimage, **header}, {"RGB": pixels}) as image:
+        image.write(str(folder / "texture.exr"))
+    (folder / "texture.exr").rename(folder / name)
+
+
+def test_an_openexr_texture_is_linear_whatever_its_name(tmp_path):
+    pixels = np.zeros((4, 4, 3), np.float32)
+    pixels[:2] = (0.2, 0.4, 0.8)
+    exr(tmp_path, "texture.png", pixels)
+    node = texture('token inputs:sourceColorSpace = "auto"')
+    reflectance = reflectance_of(tmp_path, quad(), node)
+    np.testing.assert_allclose(reflectance, [[0.1, 0.2, 0.4]], rtol=1e-6)
+
+
+def test_wrap_modes_by_the_metadata_of_the_file(tmp_path):
+    pixels = np.full((4, 4, 3), 0.5, np.float32)
+    exr(tmp_path, "texture.png", pixels, wrapmodes="periodic,black")
+    aside, above = (
+        [(s + i, t + j) for s, t in ((0, 0), (1, 0), (1, 1), (0, 1))] for i, j in ((3, 0), (0, 3))
+    )
+    assert reflectance_of(tmp_path, quad(aside), texture())[0, 0] == pytest.approx(0.5)
+    assert reflectance_of(tmp_path, quad(above), texture())[0, 0] == 0
+
+
+@pytest.mark.parametrize("contents", [None, b"", b"no image", png(GREYS)[:45], b"\x76\x2f\x31\x01"])
+def test_an_unreadable_texture_gives_its_fallback_and_says_so(tmp_path, contents):
+    files = {} if contents is None else {"texture": contents}
+    node = texture("float4 inputs:fallback = (0.1, 0.2, 0.3, 1)")
+    scene = read_at(tmp_path, quad() + material(node), **files)
+    np.testing.assert_allclose(scene.meshes[0].reflectance, [[0.1, 0.2, 0.3]], rtol=1e-6)
+    assert found(scene) == [("/Paint/Texture", "UsdUVTexture", "skipped")]
+
+
+def test_a_texture_inside_a_usdz_package(tmp_path):
+    node = texture()
+    read_at(tmp_path, quad() + material(node), texture=png(GREYS))
+    package = Sdf.ZipFileWriter.CreateNew(str(tmp_path / "room.usdz"))
+    with package:
+        package.AddFile(str(tmp_path / "stage.usda"), "stage.usda")
+        package.AddFile(str(tmp_path / "texture.png"), "texture.png")
+    reflectance = read_stage(Usd.Stage.Open(str(tmp_path / "room.usdz"))).meshes[0].reflectance
+    np.testing.assert_allclose(reflectance[0], GREYS.mean() / 255, rtol=1e-6)
+
+
+def test_a_cut_out_is_the_mean_of_its_texels_and_the_rest_keeps_its_colour(tmp_path):
+    """A leaf of one bright texel in four; where it is cut out the picture is black."""
+    leaf = np.zeros((2, 2, 4))
+    leaf[1, 0] = (51, 204, 51, 255)
+    surface = f"color3f inputs:{FLAT}\nfloat inputs:opacity.connect = </Paint/Texture.outputs:a>"
+    scene = read_at(tmp_path, quad() + material(texture(), surface), texture=png(leaf))
+    np.testing.assert_allclose(scene.meshes[0].opacity, [0.25], rtol=1e-6)
+    np.testing.assert_allclose(scene.meshes[0].reflectance, [[0.2, 0.8, 0.2]], rtol=1e-6)
+    assert ("/Paint/Surface", "opacity", "approximated") in found(scene)
+
+
+@pytest.mark.parametrize(
+    ("threshold", "expected"), [(0, 0.5), (0.3, 0.75), (0.5, 0.5), (0.7, 0.25)]
+)
+def test_the_threshold_of_opacity_is_met_texel_by_texel(tmp_path, threshold, expected):
+    alpha = np.array([[51, 102], [153, 204]])  # mean 0.5
+    surface = f"""color3f inputs:diffuseColor = (0.5, 0.5, 0.5)
+        float inputs:opacity.connect = </Paint/Texture.outputs:r>
+        float inputs:opacityThreshold = {threshold}"""
+    scene = read_at(tmp_path, quad() + material(texture(), surface), texture=png(alpha))
+    np.testing.assert_allclose(scene.meshes[0].opacity, [expected], rtol=1e-6)
+
+
+def test_a_textured_screen_shines_by_face(tmp_path):
+    surface = "color3f inputs:emissiveColor.connect = </Paint/Texture.outputs:rgb>"
+    node = texture("float4 inputs:scale = (1000, 1000, 1000, 1)")
+    scene = read_at(tmp_path, grid(2) + material(node, surface), texture=png(QUARTERS))
+    np.testing.assert_allclose(scene.meshes[0].emission[:, 1], [600, 800, 200, 400], rtol=1e-6)

@@ -62,6 +62,7 @@ ATTRIBUTES = [
         "paper",
         tokens=("corrected", "paper"),
     ),
+    Row(SOLVER_API, "isolux:surfaceLevel", "int", 2, 4, (0, 6)),
     Row(SOLVER_API, "isolux:creaseAngle", "double", 40, 30, (0, 180)),
 ]
 each_attribute = pytest.mark.parametrize("row", ATTRIBUTES, ids=lambda row: row.name)

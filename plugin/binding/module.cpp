@@ -9,6 +9,7 @@ void bind_progressive_radiosity(nanobind::module_& module);
 void bind_ray_caster(nanobind::module_& module);
 void bind_solver(nanobind::module_& module);
 void bind_sparse_gather(nanobind::module_& module);
+void bind_subdivision(nanobind::module_& module);
 void bind_tone_mapping(nanobind::module_& module);
 
 NB_MODULE(_core, module) {
@@ -23,4 +24,5 @@ NB_MODULE(_core, module) {
     bind_mesh_refinement(module);
     bind_progressive_radiosity(module);
     bind_sparse_gather(module);
+    bind_subdivision(module);
 }

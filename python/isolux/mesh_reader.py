@@ -1,6 +1,7 @@
 """Reads one polygon mesh of a stage: points in metres, faces, normals, orientation.
 
-Subdivision surfaces are read as their control cage, skinned meshes as `skinned_points` poses them.
+Subdivision surfaces are refined to their limit surface, skinned meshes as `skinned_points` poses
+them.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from .mesh_topology import MeshTopology
 from .reading_context import ReadingContext
 from .scene_description import MeshDescription
 from .skinned_points import Pose
+from .subdivision_reader import subdivided
 
 # Faces on which authored normals are compared with the winding: enough to tell a majority.
 NORMAL_CHECK_FACES = 2000
@@ -67,7 +69,8 @@ def read_mesh(
     flip_winding = left_handed != mirrored
     _note_what_is_not_read(mesh, context)
     normals = None
-    if mesh.GetSubdivisionSchemeAttr().Get(context.time) == UsdGeom.Tokens.none:
+    scheme = mesh.GetSubdivisionSchemeAttr().Get(context.time)
+    if scheme == UsdGeom.Tokens.none:
         normals = _corner_normals(mesh, topology, to_world, context, pose)
     if normals is not None:
         opposed = _share_against_winding(normals, topology, world, flip_winding)
@@ -80,7 +83,7 @@ def read_mesh(
             context.note(prim, "normals", "repaired", reason)
             normals = None
     surfaces = materials.surfaces(mesh, topology)
-    return MeshDescription(
+    description = MeshDescription(
         path=str(prim.GetPath()),
         points=world,
         face_vertex_counts=topology.counts,
@@ -93,6 +96,9 @@ def read_mesh(
         opacity=surfaces.opacity,
         emission=surfaces.emission,
     )
+    if scheme == UsdGeom.Tokens.none:
+        return description
+    return subdivided(description, mesh, str(scheme), context)
 
 
 def _array(attribute: Usd.Attribute, time: Usd.TimeCode, dtype: type) -> NDArray:
@@ -112,10 +118,6 @@ def _placed(
 
 def _note_what_is_not_read(mesh: UsdGeom.Mesh, context: ReadingContext) -> None:
     prim = mesh.GetPrim()
-    scheme = mesh.GetSubdivisionSchemeAttr().Get(context.time)
-    if scheme != UsdGeom.Tokens.none:
-        reason = f"{scheme} read as its control cage; subdivision is not read yet"
-        context.note(prim, "subdivisionScheme", "approximated", reason)
     context.note_animation(prim, [mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr()])
 
 

@@ -41,6 +41,16 @@ class PrimvarLayout:
     reflectance: NDArray[np.float32]
     indices: NDArray[np.int32] | None
 
+    def subset(self, values: NDArray[np.int64]) -> PrimvarLayout:
+        """These values alone, on no mesh."""
+        return PrimvarLayout(
+            self.interpolation,
+            self.front[values],
+            None if self.back is None else self.back[values],
+            self.reflectance if len(self.reflectance) == 1 else self.reflectance[values],
+            None,
+        )
+
     def gather(self, illuminance: VertexIlluminance) -> PrimvarValues:
         """The solution's part of this mesh, as the primvar's N values."""
         direct, indirect = illuminance.direct, illuminance.indirect
@@ -222,8 +232,7 @@ class MeshOutput:
         crease = _primvar_layout(corners, reflectance, np.zeros(1, np.int64))
         by_reflectance = crease
         if len(reflectance) > 1:
-            _, kinds = np.unique(reflectance, axis=0, return_inverse=True)
-            by_reflectance = _primvar_layout(corners, reflectance, kinds.ravel())
+            by_reflectance = _primvar_layout(corners, reflectance, face_kinds(reflectance))
         self._layouts = {"crease": crease, "reflectance": by_reflectance}
 
     def primvars(
@@ -235,19 +244,35 @@ class MeshOutput:
             yield field, self._layouts[field.split], field.values(values[field.split])
 
 
-def _primvar_layout(
-    corners: MeshCorners, reflectance: NDArray[np.float32], face_kinds: NDArray[np.int64]
-) -> PrimvarLayout:
-    """One value for each pair of illumination vertex and kind of face.
+def face_kinds(reflectance: NDArray[np.float32]) -> NDArray[np.int64]:
+    """(F,) or (1,) int64: faces of one reflectance are of one kind."""
+    return np.unique(reflectance, axis=0, return_inverse=True)[1].ravel()
 
-    face_kinds : (F,) or (1,) int64, faces of different kinds never share a value
+
+def corner_values(
+    corners: MeshCorners, reflectance: NDArray[np.float32], kinds: NDArray[np.int64]
+) -> tuple[PrimvarLayout, NDArray[np.int32]]:
+    """One value for each pair of illumination vertex and kind of face; that of each corner.
+
+    kinds : (F,) or (1,) int64, faces of different kinds never share a value
     """
-    kinds = face_kinds[corners.faces] if len(face_kinds) > 1 else face_kinds
+    kinds = kinds[corners.faces] if len(kinds) > 1 else kinds
     keys = corners.front * (kinds.max(initial=0) + 1) + kinds
     keys[corners.front < 0] = -1
-    _, first_corners, indices = np.unique(keys, return_index=True, return_inverse=True)
+    _, first_corners, place = np.unique(keys, return_index=True, return_inverse=True)
     if len(reflectance) > 1:
         reflectance = reflectance[corners.faces[first_corners]]
+    front = corners.front[first_corners]
+    back = None if corners.back is None else corners.back[first_corners]
+    indices = place.ravel().astype(np.int32)
+    return PrimvarLayout("faceVarying", front, back, reflectance, indices), indices
+
+
+def _primvar_layout(
+    corners: MeshCorners, reflectance: NDArray[np.float32], kinds: NDArray[np.int64]
+) -> PrimvarLayout:
+    """The values of `corner_values`, one a point where all its corners agree."""
+    values, indices = corner_values(corners, reflectance, kinds)
 
     # A point takes the value of any of its corners on the surface; do all the others agree?
     on_surface = corners.front >= 0
@@ -255,18 +280,17 @@ def _primvar_layout(
     point_values = np.full(corners.point_count, -1)
     point_values[points] = indices[on_surface]
     if not np.array_equal(point_values[points], indices[on_surface]):
-        front = corners.front[first_corners]
-        back = None if corners.back is None else corners.back[first_corners]
-        return PrimvarLayout("faceVarying", front, back, reflectance, indices.astype(np.int32))
+        return values
     used = point_values >= 0
 
     def at_points(side: NDArray[np.int32]) -> NDArray[np.int32]:
         vertices = np.full(corners.point_count, -1, np.int32)
-        vertices[used] = side[first_corners[point_values[used]]]
+        vertices[used] = side[point_values[used]]
         return vertices
 
-    front = at_points(corners.front)
-    back = None if corners.back is None else at_points(corners.back)
+    front = at_points(values.front)
+    back = None if values.back is None else at_points(values.back)
+    reflectance = values.reflectance
     if len(reflectance) > 1:
         reflectance = reflectance[point_values]
     return PrimvarLayout("vertex", front, back, reflectance, None)

@@ -10,7 +10,8 @@ A primvar is carried over by its interpolation:
 
 Normals, velocities and accelerations go along. Faces of GeomSubsets become their triangles, points
 take their new neighbours. Holes have no triangles any more. What tells of a subdivision surface or
-of blend shapes is blocked: the mesh that was read, and is written, has neither.
+of blend shapes is blocked: the mesh that is written has neither. The values of a subdivision
+surface spread over it by its own rules first.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
 
 from .output_fields import OUTPUT_FIELDS
+from .refined_cage import RefinedCageTopology
 from .refined_topology import RefinedTopology
 from .results_meshes import LocalShape
 from .scene_description import Finding, FindingAction
@@ -37,6 +39,7 @@ _BLOCKED = (
     "holeIndices",
     "skel:blendShapes",
 )
+_NORMALS = ("normals", "primvars:normals")
 _BY_POINT = ("velocities", "accelerations")
 # Primvars of skinned meshes that hold for the pose in which their skeleton was bound.
 _OF_THE_REST_POSE = ("normals", "skel:jointIndices", "skel:jointWeights")
@@ -47,7 +50,7 @@ def write_refined_mesh(
     layer: Sdf.Layer,
     prim: Usd.Prim,
     time: Usd.TimeCode,
-    topology: RefinedTopology,
+    topology: RefinedTopology | RefinedCageTopology,
     posed: LocalShape | None = None,
 ) -> list[Finding]:
     """Write topology, points, primvars and subsets of one mesh; what was there is replaced.
@@ -71,7 +74,7 @@ class _RefinedPrim:
         layer: Sdf.Layer,
         prim: Usd.Prim,
         time: Usd.TimeCode,
-        topology: RefinedTopology,
+        topology: RefinedTopology | RefinedCageTopology,
         posed: LocalShape | None,
     ) -> None:
         self._spec = Sdf.CreatePrimInLayer(layer, prim.GetPath())
@@ -80,6 +83,11 @@ class _RefinedPrim:
         self._time = time
         self._topology = topology
         self._posed = posed
+        # A pose holds for the points that the solver saw.
+        self._solved = topology.solved if isinstance(topology, RefinedCageTopology) else topology
+        # A subdivision surface has none but its own normals; as polygons it would take these.
+        self._was_subdivided = isinstance(topology, RefinedCageTopology)
+        self._left_out = _OWN_PRIMVARS | ({"normals"} if self._was_subdivided else set())
         self._findings: list[Finding] = []
 
     def write(self) -> list[Finding]:
@@ -90,15 +98,15 @@ class _RefinedPrim:
                 self._write_attribute(attribute, "vertex")
         if self._posed:
             self._write_pose(self._posed)
-        elif self._mesh.GetNormalsAttr().HasAuthoredValue():
+        elif self._mesh.GetNormalsAttr().HasAuthoredValue() and not self._was_subdivided:
             self._write_attribute(
                 self._mesh.GetNormalsAttr(), str(self._mesh.GetNormalsInterpolation())
             )
         for primvar in UsdGeom.PrimvarsAPI(self._prim).GetPrimvarsWithAuthoredValues():
             unbound = self._posed and primvar.GetPrimvarName() in _OF_THE_REST_POSE
-            if primvar.GetPrimvarName() not in _OWN_PRIMVARS and not unbound:
+            if primvar.GetPrimvarName() not in self._left_out and not unbound:
                 self._write_primvar(primvar)
-        for name in _BLOCKED:
+        for name in (*_BLOCKED, *(_NORMALS if self._was_subdivided else ())):
             attribute = self._prim.GetAttribute(name)
             if attribute.HasAuthoredValue():
                 self._author(name, attribute.GetTypeName(), Sdf.ValueBlock())
@@ -115,16 +123,19 @@ class _RefinedPrim:
         if posed.corner_normals is None:
             self._author("normals", _Types.Normal3fArray, Sdf.ValueBlock())
             return
-        carried = _unit(self._topology.interpolated(posed.corner_normals, "faceVarying"))
+        carried = _unit(self._solved.interpolated(posed.corner_normals, "faceVarying"))
         normals = Vt.Vec3fArray.FromNumpy(carried.astype(np.float32))
         attribute = self._author("normals", _Types.Normal3fArray, normals)
         attribute.SetInfo("interpolation", UsdGeom.Tokens.faceVarying)
 
     def _write_topology(self) -> None:
         topology = self._topology
-        at_rest = self._mesh.GetPointsAttr().Get(self._time)
-        authored = np.asarray(self._posed.points if self._posed else at_rest, np.float32)
-        points = topology.interpolated(authored, "vertex").astype(np.float32)
+        if self._posed:
+            placed = self._solved.interpolated(self._posed.points, "vertex")
+        else:
+            authored = np.asarray(self._mesh.GetPointsAttr().Get(self._time), np.float32)
+            placed = topology.interpolated(authored, "vertex")
+        points = placed.astype(np.float32)
         vt_points = Vt.Vec3fArray.FromNumpy(points)
         counts = np.full(len(topology.faces), 3, np.int32)
         self._author("points", _Types.Point3fArray, vt_points)

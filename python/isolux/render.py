@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from .cage_results import cage_corner_values, cage_face_means
 from .camera import Camera, framing_candidates, stage_camera
 from .core_scene import mesh_triangles
 from .errors import SceneError, SettingsError
@@ -180,16 +181,20 @@ def _refined_mesh(
     parents : (T,) int32, that face
     to_world : (4, 4) float64, local space to metres, for row vectors
     """
-    if parents.max(initial=-1) >= len(mesh.face_vertex_counts):
+    reflectance, face_count = mesh.reflectance, len(mesh.face_vertex_counts)
+    if mesh.cage is not None:
+        face_count = len(mesh.cage.topology.counts)
+        reflectance = cage_face_means(mesh.cage, reflectance)
+    if parents.max(initial=-1) >= face_count:
         raise SceneError(
             mesh.path,
             f"a refinement of face {parents.max()}",
-            f"{len(mesh.face_vertex_counts)} faces; the mesh has changed since `isolux solve`",
+            f"{face_count} faces; the mesh has changed since `isolux solve`",
         )
     points = np.asarray(shown.GetPointsAttr().Get(), np.float64)
-    reflectance = mesh.reflectance
     return replace(
         mesh,
+        cage=None,
         points=points @ to_world[:3, :3] + to_world[3, :3],
         face_vertex_counts=np.array(shown.GetFaceVertexCountsAttr().Get()),
         face_vertex_indices=np.array(shown.GetFaceVertexIndicesAttr().Get()),
@@ -240,6 +245,8 @@ def _corner_illuminance(
         raise SceneError(mesh.path, f"no primvar {name}", "one; run `isolux solve` again")
     values = np.asarray(baked, np.float32).reshape(-1, 3)
     topology = MeshTopology(mesh.face_vertex_counts, mesh.face_vertex_indices, len(mesh.points))
+    if mesh.cage is not None:
+        topology = mesh.cage.topology
     interpolation = str(primvar.GetInterpolation())
     if not topology.has_values(values, interpolation):
         raise SceneError(
@@ -247,7 +254,12 @@ def _corner_illuminance(
             f"{len(values)} {interpolation} values of {name}",
             f"{topology.value_count(interpolation)}; the mesh has changed since `isolux solve`",
         )
-    return topology.to_corners(values, interpolation)
+    if mesh.cage is None:
+        return topology.to_corners(values, interpolation)
+    indices = np.asarray(primvar.GetIndices(when), np.int32) if primvar.IsIndexed() else None
+    if interpolation == "faceVarying" and indices is not None:
+        values = np.asarray(primvar.Get(when), np.float32).reshape(-1, 3)
+    return cage_corner_values(mesh.cage, values, interpolation, indices)
 
 
 def _last_time(stage: Usd.Stage, scene: SceneDescription) -> float | None:

@@ -26,6 +26,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom, UsdRender, Vt
 
 from .adaptation import SceneAdaptation
 from .atomic_file import replace_atomically
+from .cage_results import CageOutput
 from .errors import SceneError
 from .output_fields import (
     OUTPUT_FIELDS,
@@ -35,6 +36,7 @@ from .output_fields import (
     PrimvarLayout,
     VertexIlluminance,
 )
+from .refined_cage import RefinedCageTopology
 from .refined_results import write_refined_mesh
 from .refined_topology import RefinedTopology, refined_topologies
 from .results_meshes import local_shape, stage_of_mesh, write_as_mesh
@@ -85,7 +87,8 @@ REPORT_ATTRIBUTES = {
 class ResultsWriter:
     """Writes the stages of one solution over one source stage.
 
-    `findings` tells what of the source could not be carried over to the refined mesh as it is.
+    `findings` tells what of the source could not be carried over to the refined mesh as it is, and
+    where the control cage of a subdivision surface can't give the solver's illuminance again.
 
     source : the stage that was solved, or its file
     output : the root layer to make: .usda, .usd or .usdc; its folder must exist
@@ -115,8 +118,8 @@ class ResultsWriter:
             "sourceHash": scene.source_hash,
             "timeCode": scene.time_code,
         }
-        self.findings: list[Finding] = []
         self._shape_findings: list[Finding] = []
+        self._refined_findings: list[Finding] = []
         self._posed = {
             finding.path
             for finding in scene.findings
@@ -125,7 +128,7 @@ class ResultsWriter:
         read_at = scene.time_code
         self._time = Usd.TimeCode.EarliestTime() if read_at is None else Usd.TimeCode(read_at)
         self._stages: list[VertexIlluminance] = []
-        self._meshes: dict[str, MeshOutput] = {}
+        self._meshes: dict[str, MeshOutput | CageOutput] = {}
         self._refined: RefinedMesh | None = None
         self._refined_paths: set[str] = set()
         self._layer = Sdf.Layer.CreateAnonymous(".usda")
@@ -134,6 +137,14 @@ class ResultsWriter:
         self._source_has_range = stage.HasAuthoredTimeCodeRange()
         self._report_prim = self._define_report_prim(stage)
         self._double_sided = any(mesh.double_sided for mesh in scene.meshes)
+        self._cages = {mesh.path for mesh in scene.meshes if mesh.cage is not None}
+
+    @property
+    def findings(self) -> list[Finding]:
+        """What the results don't tell as the solver did."""
+        outputs = (self._meshes.get(path) for path in sorted(self._cages))
+        cages = (output.finding() for output in outputs if isinstance(output, CageOutput))
+        return self._shape_findings + self._refined_findings + [finding for finding in cages if finding]
 
     def write(self, solution: Solution) -> None:
         """Add one stage at its integer time code and replace the files.
@@ -142,7 +153,11 @@ class ResultsWriter:
         """
         if not self._meshes:
             for mesh in self._scene.meshes:
-                corners = MeshCorners.of_authored(mesh, solution.layout(mesh.path))
+                layout = solution.layout(mesh.path)
+                if mesh.cage is not None:
+                    self._meshes[mesh.path] = CageOutput(mesh, layout, solution.vertex_areas)
+                    continue
+                corners = MeshCorners.of_authored(mesh, layout)
                 self._meshes[mesh.path] = MeshOutput(mesh.path, mesh.reflectance, corners)
                 self._write_shape(mesh)
             self._adaptation = SceneAdaptation(self._scene.meshes, solution.layouts)
@@ -246,7 +261,7 @@ class ResultsWriter:
         known = None if self._refined is None else refined.common_vertices(self._refined)
         self._refined = refined
         topologies = refined_topologies(
-            self._scene.meshes, layouts, refined, also=self._refined_paths
+            self._scene.meshes, layouts, refined, also=self._refined_paths | self._cages
         )
         borrowers = self._borrowers(topologies)
         if borrowers:
@@ -255,7 +270,7 @@ class ResultsWriter:
             )
         self._refined_paths = set(topologies)
         self._stages = [stage.on(refined, known) for stage in self._stages]
-        self.findings = list(self._shape_findings)
+        self._refined_findings = []
         for mesh in self._scene.meshes:
             if mesh.path in topologies:
                 self._write_refined_mesh(mesh, topologies[mesh.path])
@@ -289,16 +304,16 @@ class ResultsWriter:
             alone = stage_of_mesh(source, self._time, mesh)
             source = alone.GetPrimAtPath(mesh.path)
         posed = local_shape(source, self._time, mesh) if mesh.path in self._posed else None
-        self.findings += write_refined_mesh(self._layer, source, self._time, topology, posed)
+        shown = topology if mesh.cage is None else RefinedCageTopology(topology, mesh.cage)
+        self._refined_findings += write_refined_mesh(self._layer, source, self._time, shown, posed)
 
     def _write_shape(self, mesh: MeshDescription) -> None:
         """Where the source has a shape and no mesh, make it one."""
         prim = self._stage.GetPrimAtPath(mesh.path)
         if prim and not prim.IsA(UsdGeom.Mesh):
             self._shape_findings += write_as_mesh(self._layer, prim, self._time, mesh)
-            self.findings = list(self._shape_findings)
 
-    def _write_primvars(self, output: MeshOutput, stage: VertexIlluminance) -> None:
+    def _write_primvars(self, output: MeshOutput | CageOutput, stage: VertexIlluminance) -> None:
         for field, layout, values in output.primvars(stage):
             if values is not None:
                 self._write_primvar(output.path, field, layout, values, stage.time_code)

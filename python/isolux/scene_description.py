@@ -7,10 +7,13 @@ World space is the stage's own axes (Y-up stays Y-up), scaled by `metersPerUnit`
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from .subdivision import SubdivisionCage
 
 LuminaireShape = Literal["sphere", "disk", "rect", "cylinder"]
 FindingAction = Literal["skipped", "approximated", "repaired", "noted"]
@@ -32,6 +35,8 @@ class MeshDescription:
         (left-handed orientation or a mirroring transform, not both)
     opacity : (F,) or (1,) float32 in [0, 1], share of the light that a face stops; None: all
     emission : (F, 3) or (1, 3) float32, luminance in cd/m² by channel; None: the mesh doesn't shine
+    cage : what the results return to where the mesh is the refined limit surface of a control cage,
+        which then authored none of its corners; None: the mesh is as authored
     """
 
     path: str
@@ -45,6 +50,7 @@ class MeshDescription:
     flip_winding: bool
     opacity: NDArray[np.float32] | None = None
     emission: NDArray[np.float32] | None = None
+    cage: SubdivisionCage | None = None
 
 
 @dataclass(frozen=True, slots=True)

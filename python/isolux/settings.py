@@ -45,6 +45,8 @@ class SolverSettings:
     subdivision_threshold : difference of displayed brightness, 1 from black to white, that the
         adaptive mesh may lose
     subdivision_iterations : of the adaptive mesh
+    surface_level : most levels to which subdivision surfaces are refined, fewer where less is
+        curved; 0: their control cages as they are
     crease_angle : degrees between adjacent faces above which an edge without authored normals
         is a crease
     threads : 0 for all processors; no attribute of a stage, since it belongs to the machine
@@ -64,6 +66,7 @@ class SolverSettings:
     output_mode: OutputMode = field(default="vertex", metadata={"choices": get_args(OutputMode)})
     subdivision_threshold: float = _number(0.05, 0.001, 1.0)
     subdivision_iterations: int = _number(3, 0, 8)
+    surface_level: int = _number(2, 0, 6)
     crease_angle: float = _number(40.0, 0.0, 180.0)
     threads: int = _number(0, 0)
 

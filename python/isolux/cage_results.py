@@ -1,0 +1,232 @@
+"""Results of a subdivision surface, on its control cage.
+
+The values c of the cage are those whose limit values S c come nearest to the solver's values v, by
+weighted least squares: (SᵀAS) c = SᵀA v, A the area that each illumination vertex stands for. S
+holds the limit stencils, so that whoever subdivides the primvar gets v again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .output_fields import (
+    OUTPUT_FIELDS,
+    MeshCorners,
+    OutputField,
+    PrimvarLayout,
+    VertexIlluminance,
+    corner_values,
+    face_kinds,
+)
+from .scene_description import Finding, MeshDescription
+from .solution import LUMINANCE_WEIGHTS, MeshLayout
+from .subdivision import SubdivisionCage
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+# Relative residual of the normal equations at which the iteration stops, and the most steps: the
+# condition of the limit masks is below 100 but for unused points.
+FIT_ACCURACY = 1e-6
+MAX_FIT_STEPS = 200
+# Relative RMS difference from which on it is told.
+TOLD_FIT_ERROR = 0.01
+
+
+class CageFit:
+    """Least squares on one stencil matrix, for any number of columns of values.
+
+    stencils : (n, m) weights of m values of the cage at n places
+    weights : (n,) float64 >= 0
+    """
+
+    def __init__(self, stencils: csr_matrix, weights: NDArray[np.float64]) -> None:
+        if not weights.any():
+            weights = np.ones_like(weights)
+        self.stencils = stencils
+        self._weighted = stencils.multiply(weights[:, None]).tocsr().T.tocsr()
+        diagonal = np.asarray(stencils.multiply(stencils).T @ weights)
+        self._preconditioner = np.divide(
+            1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0
+        )[:, None]
+
+    def solve(
+        self, values: NDArray[np.floating], start: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """(m, K) float64 from (n, K), by conjugate gradients.
+
+        start : a first guess, such as the values of the stage before
+        """
+        wanted = self._weighted @ values.astype(np.float64)
+        found = np.zeros_like(wanted) if start is None else start.copy()
+        residual = wanted - self._weighted @ (self.stencils @ found)
+        enough = FIT_ACCURACY * np.linalg.norm(self._preconditioner * wanted, axis=0)
+        direction = step = self._preconditioner * residual
+        size = (residual * step).sum(axis=0)
+        for _ in range(MAX_FIT_STEPS):
+            if (np.linalg.norm(self._preconditioner * residual, axis=0) <= enough).all():
+                break
+            image = self._weighted @ (self.stencils @ direction)
+            length = _ratio(size, (direction * image).sum(axis=0))
+            found += length * direction
+            residual -= length * image
+            step = self._preconditioner * residual
+            size, before = (residual * step).sum(axis=0), size
+            direction = step + _ratio(size, before) * direction
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class _CageLayout:
+    """Places on the refined surface, and the cage's values that give theirs.
+
+    places : of the solver's values
+    written : how the cage's values sit on it
+    fit : from one to the other
+    """
+
+    places: PrimvarLayout
+    written: PrimvarLayout
+    fit: CageFit
+
+
+class CageOutput:
+    """The primvars of one subdivision surface on its cage, stage after stage.
+
+    fit_error : relative RMS difference of the photometric illuminance between the limit values of
+        the last stage's primvar and the solver's values, area-weighted
+
+    mesh : with a cage
+    areas : (V,) float64, m^2, of all vertices of the solution
+    """
+
+    def __init__(
+        self, mesh: MeshDescription, layout: MeshLayout, areas: NDArray[np.float64]
+    ) -> None:
+        assert mesh.cage is not None
+        self.path = mesh.path
+        self.fit_error = 0.0
+        self._areas = areas
+        corners = MeshCorners.of_authored(mesh, layout)
+        kinds = face_kinds(mesh.reflectance)
+        crease = self._layout(mesh.cage, corners, mesh.reflectance, np.zeros(1, np.int64))
+        self._layouts = {
+            "crease": crease,
+            "reflectance": crease
+            if len(kinds) == 1
+            else self._layout(mesh.cage, corners, mesh.reflectance, kinds),
+        }
+        self._before: dict[str, NDArray[np.float64]] = {}
+
+    def primvars(
+        self, illuminance: VertexIlluminance
+    ) -> Iterator[tuple[OutputField, PrimvarLayout, NDArray[np.float32] | None]]:
+        """Field, layout and values of each primvar; no values where this mesh hasn't the field."""
+        gathered = {
+            split: layout.places.gather(illuminance) for split, layout in self._layouts.items()
+        }
+        for field in OUTPUT_FIELDS:
+            layout = self._layouts[field.split]
+            values = field.values(gathered[field.split])
+            if values is None:
+                yield field, layout.written, None
+                continue
+            columns = values if values.ndim == 2 else values[:, None]
+            fitted = layout.fit.solve(columns, self._before.get(field.name))
+            self._before[field.name] = fitted
+            # No light is negative, and no display shows more than white.
+            most = 1.0 if field.name == "displayColor" else np.inf
+            fitted = np.clip(fitted, 0.0, most)
+            if field.name == OUTPUT_FIELDS[0].name:
+                self.fit_error = self._fit_error(layout, columns, fitted)
+            yield field, layout.written, fitted.astype(np.float32).reshape(-1, *values.shape[1:])
+
+    def finding(self) -> Finding | None:
+        """Says so where the cage does not give the solver's illuminance again."""
+        if self.fit_error <= TOLD_FIT_ERROR:
+            return None
+        reason = (
+            f"the limit of its values on the control cage is {100 * self.fit_error:.2g} % RMS off "
+            "the illuminance that was solved; output mode refined keeps that"
+        )
+        return Finding(self.path, f"primvars:{OUTPUT_FIELDS[0].name}", "approximated", reason)
+
+    def _fit_error(
+        self,
+        layout: _CageLayout,
+        values: NDArray[np.float32],
+        fitted: NDArray[np.float64],
+    ) -> float:
+        areas = self._areas[layout.places.front]
+        wanted = values @ LUMINANCE_WEIGHTS
+        difference = layout.fit.stencils @ (fitted @ LUMINANCE_WEIGHTS) - wanted
+        total = float(areas @ wanted)
+        return float(np.sqrt(areas.sum() * (areas @ difference**2))) / total if total > 0 else 0.0
+
+    def _layout(
+        self,
+        cage: SubdivisionCage,
+        corners: MeshCorners,
+        reflectance: NDArray[np.float32],
+        kinds: NDArray[np.int64],
+    ) -> _CageLayout:
+        """One place for each pair of illumination vertex and kind of face."""
+        places, place_of_corner = corner_values(corners, reflectance, kinds)
+        first_corner = np.zeros(len(places.front), np.int64)
+        first_corner[place_of_corner[::-1]] = np.arange(len(place_of_corner))[::-1]
+        on_surface = np.flatnonzero(places.front >= 0)
+
+        surface = cage.refine()
+        refined = surface.corners_of_cage
+        keys = np.where(refined < 0, -1, place_of_corner[refined])
+        keys[keys >= 0] = np.where(places.front[keys[keys >= 0]] < 0, -1, keys[keys >= 0])
+        points = cage.topology.indices
+        at_point = np.full(cage.topology.point_count, -1)
+        at_point[points[keys >= 0]] = keys[keys >= 0]
+        if (at_point[points[keys >= 0]] == keys[keys >= 0]).all():
+            stencils = surface.limit_stencils
+            rows = corners.points[first_corner[on_surface]]
+            written = PrimvarLayout("vertex", places.front, places.back, places.reflectance, None)
+        else:
+            # Corners without light, at holes, still bear on their neighbours: a value a point.
+            keys = np.where(keys < 0, len(places.front) + points, keys)
+            indices = np.unique(keys, return_inverse=True)[1].ravel().astype(np.int32)
+            stencils, corner_rows = cage.refine(indices).face_varying_stencils()
+            rows = corner_rows[first_corner[on_surface]]
+            written = PrimvarLayout(
+                "faceVarying", places.front, places.back, places.reflectance, indices
+            )
+        kept = places.subset(on_surface)
+        return _CageLayout(kept, written, CageFit(stencils[rows], self._areas[kept.front]))
+
+
+def cage_corner_values(
+    cage: SubdivisionCage,
+    values: NDArray[np.float32],
+    interpolation: str,
+    indices: NDArray[np.int32] | None,
+) -> NDArray[np.float32]:
+    """A primvar of the cage at the refined corners, (C, K) float32."""
+    surface = cage.refine()
+    refined = surface.refine_primvar(values, interpolation, indices)
+    return surface.topology.to_corners(refined, interpolation).astype(np.float32)
+
+
+def cage_face_means(cage: SubdivisionCage, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(1, K) or (F, K) values of refined faces, as means over the parts of each cage face."""
+    if len(values) == 1:
+        return values
+    parents, count = cage.refine().cage_faces, len(cage.topology.counts)
+    sums = np.stack([np.bincount(parents, column, count) for column in values.T], axis=1)
+    parts = np.maximum(np.bincount(parents, minlength=count), 1)
+    return (sums / parts[:, None]).astype(np.float32)
+
+
+def _ratio(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """a / b, 0 where b is."""
+    return np.divide(a, b, out=np.zeros_like(a), where=b > 0)

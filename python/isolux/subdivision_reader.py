@@ -1,0 +1,251 @@
+"""Reads the rules of a subdivision surface, and refines it as finely as its curvature asks for.
+
+A level is enough where the faces stay within CHORD_TOLERANCE of the limit surface; the setting
+`surface_level` bounds it, 0 leaves the control cage as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from .mesh_topology import MeshTopology
+from .reading_context import ReadingContext
+from .scene_description import MeshDescription
+from .subdivision import RefinedSurface, SubdivisionCage
+
+# Distance from the limit surface, relative to the diagonal of the mesh's bounds: a pixel on a mesh
+# 500 pixels large.
+CHORD_TOLERANCE = 0.002
+# Each level quarters the distance of the faces from the limit surface.
+LEVEL_GAIN = 4.0
+# Refined faces of one mesh, some 2 GB with all that the solver keeps of them.
+MAX_REFINED_FACES = 1 << 22
+# Terms that the faces or points of one cage may share among each other: a fan of n faces around one
+# point takes n².
+MAX_SHARED_TERMS = 1 << 26
+
+
+@dataclass(frozen=True, slots=True)
+class _Sharp:
+    """Points of edges or single points, and how sharp each is."""
+
+    points: NDArray[np.int32]
+    sharpness: NDArray[np.float32]
+
+
+def subdivided(
+    description: MeshDescription, mesh: UsdGeom.Mesh, scheme: str, context: ReadingContext
+) -> MeshDescription:
+    """The refined limit surface of a mesh; the mesh itself where it has none, and why as a finding.
+
+    description : the cage as a polygon mesh, with what its materials say by face
+    scheme : its subdivisionScheme
+    """
+    if context.settings.surface_level == 0:
+        reason = f"{scheme} read as its control cage: surface_level is 0"
+        context.note(mesh.GetPrim(), "subdivisionScheme", "approximated", reason)
+        return description
+    cage = _read_cage(description, mesh, scheme, context)
+    fault = _too_many(cage)
+    surface = None
+    if not fault:
+        try:
+            surface = _refined(cage, description.points, mesh.GetPrim(), context)
+        except ValueError as error:
+            fault = str(error)
+    if surface is None:
+        reason = f"{scheme} read as its control cage: {fault}"
+        context.note(mesh.GetPrim(), "subdivisionScheme", "approximated", reason)
+        return description
+    normals = surface.limit_normals(description.points)
+    if normals is not None and description.flip_winding:
+        normals = -normals
+    return replace(
+        spread_over(description, surface),
+        points=surface.limit_points(description.points),
+        face_vertex_counts=surface.topology.counts,
+        face_vertex_indices=surface.topology.indices,
+        corner_normals=normals,
+        hole_faces=surface.hole_faces,
+        cage=surface.cage,
+    )
+
+
+def spread_over(description: MeshDescription, surface: RefinedSurface) -> MeshDescription:
+    """What is told by face, from the cage's faces to their parts."""
+    parts = {}
+    for name in ("reflectance", "opacity", "emission"):
+        values = getattr(description, name)
+        if values is not None and len(values) > 1:
+            parts[name] = values[surface.cage_faces]
+    return replace(description, **parts) if parts else description
+
+
+def _refined(
+    cage: SubdivisionCage, points: NDArray[np.float64], prim: Usd.Prim, context: ReadingContext
+) -> RefinedSurface:
+    """The surface at the lowest level that is fine enough."""
+    once = replace(cage, level=1).refine()
+    used = points[cage.topology.indices]
+    tolerance = CHORD_TOLERANCE * float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
+    error = once.chord_error(points)
+    wanted = 0
+    while error > tolerance and wanted < context.settings.surface_level:
+        wanted += 1
+        error /= LEVEL_GAIN
+    level = wanted
+    while level > 0 and _face_count(cage, level) > MAX_REFINED_FACES:
+        level -= 1
+    if level < wanted:
+        reason = f"level {level} of {wanted}: more than {MAX_REFINED_FACES:,} faces otherwise"
+        context.note(prim, "subdivisionScheme", "approximated", reason)
+    sharpest = np.max(cage.edge_sharpness, initial=0, where=cage.edge_sharpness < 10)
+    sharpest = max(
+        sharpest, np.max(cage.point_sharpness, initial=0, where=cage.point_sharpness < 10)
+    )
+    if sharpest > level:
+        reason = f"sharpness {sharpest:.3g} taken as infinite from level {level} on"
+        context.note(prim, "creaseSharpnesses", "approximated", reason)
+    return once if level == 1 else replace(cage, level=level).refine()
+
+
+def _face_count(cage: SubdivisionCage, level: int) -> int:
+    """Refined faces: a corner gives one at the first level, a face four at each after it."""
+    counts = cage.topology.counts[cage.faces]
+    first = 4 * len(counts) if cage.scheme == "loop" else int(counts.sum(dtype=np.int64))
+    return first * 4 ** (level - 1) if level > 0 else len(counts)
+
+
+def _too_many(cage: SubdivisionCage) -> str:
+    """Why a cage can't be refined for its size; empty where it can."""
+    if len(cage.faces) == 0:
+        return "no face has three corners"
+    if _face_count(cage, 1) > MAX_REFINED_FACES:
+        return f"more than {MAX_REFINED_FACES:,} faces at its first level"
+    counts = cage.topology.counts.astype(np.int64)
+    valences = np.bincount(cage.topology.indices).astype(np.int64)
+    if (counts**2).sum() + (valences**2).sum() > MAX_SHARED_TERMS:
+        return f"{max(counts.max(), valences.max()):,} corners at one face or point"
+    return ""
+
+
+def _read_cage(
+    description: MeshDescription, mesh: UsdGeom.Mesh, scheme: str, context: ReadingContext
+) -> SubdivisionCage:
+    prim = mesh.GetPrim()
+    topology = MeshTopology(
+        description.face_vertex_counts, description.face_vertex_indices, len(description.points)
+    )
+    faces = np.flatnonzero(topology.counts >= 3).astype(np.int32)
+    if scheme == "loop" and (topology.counts[faces] > 3).any():
+        quads = int((topology.counts[faces] > 3).sum())
+        reason = f"loop wants triangles and {quads} faces are none: catmullClark instead"
+        context.note(prim, "subdivisionScheme", "approximated", reason)
+        scheme = "catmullClark"
+    edges = _creases(mesh, topology, context)
+    corners = _corners(mesh, topology, context)
+    triangle_rule = mesh.GetTriangleSubdivisionRuleAttr().Get(context.time)
+    return SubdivisionCage(
+        topology=topology,
+        faces=faces,
+        hole_faces=description.hole_faces,
+        sharp_edges=edges.points.reshape(-1, 2),
+        edge_sharpness=edges.sharpness,
+        sharp_points=corners.points,
+        point_sharpness=corners.sharpness,
+        scheme=scheme,  # type: ignore[arg-type]
+        boundary=_token(
+            mesh.GetInterpolateBoundaryAttr(),
+            ("edgeAndCorner", "edgeOnly", "none"),
+            context,
+        ),
+        face_varying=_token(
+            mesh.GetFaceVaryingLinearInterpolationAttr(),
+            ("cornersPlus1", "cornersPlus2", "cornersOnly", "boundaries", "none", "all"),
+            context,
+        ),
+        smooth_triangles=triangle_rule == UsdGeom.Tokens.smooth,
+        level=0,
+    )
+
+
+def _token(attribute: Usd.Attribute, known: tuple[str, ...], context: ReadingContext) -> str:
+    """One of the tokens that USD knows; the first is its fallback."""
+    value = str(attribute.Get(context.time))
+    if value in known:
+        return value
+    reason = f'"{value}" is none of {", ".join(known)}: {known[0]} instead'
+    context.note(attribute.GetPrim(), attribute.GetName(), "repaired", reason)
+    return known[0]
+
+
+def _creases(mesh: UsdGeom.Mesh, topology: MeshTopology, context: ReadingContext) -> _Sharp:
+    """(E, 2) sharp edges: each chain of points with one sharpness, or one an edge."""
+    prim = mesh.GetPrim()
+    none = _Sharp(np.zeros((0, 2), np.int32), np.zeros(0, np.float32))
+    lengths = _numbers(mesh.GetCreaseLengthsAttr(), context, np.int64)
+    points = _numbers(mesh.GetCreaseIndicesAttr(), context, np.int64)
+    sharpness = _numbers(mesh.GetCreaseSharpnessesAttr(), context, np.float32)
+    if len(lengths) == 0 and len(points) == 0 and len(sharpness) == 0:
+        return none
+    fault = ""
+    if (lengths < 2).any() or lengths.sum() != len(points):
+        fault = f"creaseLengths of {lengths.sum()} points in all, {len(points)} creaseIndices"
+    elif len(sharpness) not in (len(lengths), (lengths - 1).sum()):
+        fault = f"{len(sharpness)} sharpnesses for {len(lengths)} creases"
+    elif not np.isfinite(sharpness).all():
+        fault = "a sharpness that is not finite"
+    if fault:
+        context.note(prim, "creaseIndices", "repaired", f"{fault}: no creases")
+        return none
+    starts = np.ones(len(points), bool)
+    starts[np.cumsum(lengths)[:-1]] = False  # no edge from one chain to the next
+    edges = np.column_stack([points[:-1], points[1:]])[starts[1:]]
+    if len(sharpness) == len(lengths):
+        sharpness = np.repeat(sharpness, lengths - 1)
+    known = np.isin(_edge_keys(edges, topology.point_count), _mesh_edges(topology))
+    known &= ((edges >= 0) & (edges < topology.point_count)).all(axis=1)
+    if not known.all():
+        reason = f"{(~known).sum()} creases join no points of an edge and are ignored"
+        context.note(prim, "creaseIndices", "repaired", reason)
+    sharp = known & (sharpness > 0)
+    return _Sharp(np.ascontiguousarray(edges[sharp], np.int32), sharpness[sharp])
+
+
+def _corners(mesh: UsdGeom.Mesh, topology: MeshTopology, context: ReadingContext) -> _Sharp:
+    """Single points that are sharp."""
+    points = _numbers(mesh.GetCornerIndicesAttr(), context, np.int64)
+    sharpness = _numbers(mesh.GetCornerSharpnessesAttr(), context, np.float32)
+    if len(points) != len(sharpness) or not np.isfinite(sharpness).all():
+        reason = f"{len(points)} cornerIndices, {len(sharpness)} finite sharpnesses wanted"
+        context.note(mesh.GetPrim(), "cornerIndices", "repaired", f"{reason}: no corners")
+        return _Sharp(np.zeros(0, np.int32), np.zeros(0, np.float32))
+    known = (points >= 0) & (points < topology.point_count)
+    if not known.all():
+        reason = f"{(~known).sum()} corners are no points and are ignored"
+        context.note(mesh.GetPrim(), "cornerIndices", "repaired", reason)
+    sharp = known & (sharpness > 0)
+    return _Sharp(points[sharp].astype(np.int32), sharpness[sharp])
+
+
+def _edge_keys(edges: NDArray[np.integer], point_count: int) -> NDArray[np.int64]:
+    low, high = np.minimum(*edges.T).astype(np.int64), np.maximum(*edges.T).astype(np.int64)
+    return low * point_count + high
+
+
+def _mesh_edges(topology: MeshTopology) -> NDArray[np.int64]:
+    """Keys of all edges."""
+    after = np.arange(1, len(topology.indices) + 1)
+    full = topology.counts > 0
+    after[(topology.starts + topology.counts)[full] - 1] = topology.starts[full]
+    edges = np.column_stack([topology.indices, topology.indices[after]])
+    return np.unique(_edge_keys(edges, topology.point_count))
+
+
+def _numbers(attribute: Usd.Attribute, context: ReadingContext, dtype: type) -> NDArray:
+    values = attribute.Get(context.time)
+    return np.zeros(0, dtype) if values is None else np.asarray(values).astype(dtype)

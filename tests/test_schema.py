@@ -64,6 +64,8 @@ ATTRIBUTES = [
     ),
     Row(SOLVER_API, "isolux:surfaceLevel", "int", 2, 4, (0, 6)),
     Row(SOLVER_API, "isolux:creaseAngle", "double", 40, 30, (0, 180)),
+    Row(SOLVER_API, "isolux:displayView", "token", "tumblin-rushmeier", "sRGB - Display/Raw"),
+    Row(SOLVER_API, "isolux:displayAdaptation", "double", 0, 20, (0, None)),
 ]
 each_attribute = pytest.mark.parametrize("row", ATTRIBUTES, ids=lambda row: row.name)
 
@@ -153,7 +155,7 @@ def test_documentation_says_unit_range_and_default(row: Row) -> None:
     parts = re.fullmatch(r"[A-Z].+ \(Unit: (.+); Range: (.+); Default: (.+)\)\.", text)
     assert parts, text
     unit, interval, default = parts.groups()
-    assert unit in {"1", "s", "lm", "cd", "degrees", "none"}
+    assert unit in {"1", "s", "lm", "cd", "cd/m^2", "degrees", "none"}
     if row.tokens:
         assert interval == ", ".join(row.tokens)
     elif row.limits != (None, None):

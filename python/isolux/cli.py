@@ -168,6 +168,22 @@ def solve(
     stages: Annotated[
         int | None, typer.Option(metavar="N", help="Number of progressive stages.")
     ] = None,
+    display_view: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VIEW",
+            help="What displayColor is seen by: tumblin-rushmeier, or DISPLAY/VIEW of the "
+            "OpenColorIO configuration in OCIO, else of the built-in ACES.",
+        ),
+    ] = None,
+    preview: Annotated[
+        bool,
+        typer.Option(
+            "--preview",
+            help="Write OUT.preview.usda too: every baked mesh shines with its displayColor, "
+            "so that a viewer shows the bake and not the materials.",
+        ),
+    ] = False,
     time: _ReadTime = None,
     replay: Annotated[
         Path | None,
@@ -197,9 +213,10 @@ def solve(
         "seed": seed,
         "threads": threads,
         "stages": stages,
+        "display_view": display_view,
     }
     output = output or Path(f"{stage.stem}.isolux.usda")
-    ended_by = solve_stage(stage, output, options, time, report, replay)
+    ended_by = solve_stage(stage, output, options, time, report, replay, preview)
     if ended_by is not None:
         raise typer.Exit(ExitCode.TERMINATED if ended_by == SIGTERM else ExitCode.INTERRUPTED)
 

@@ -57,7 +57,12 @@ def log_average_exposure(rgb: NDArray[np.float32], coverage: NDArray[np.float32]
     logarithms = np.sort(np.log(luminance[lit] / coverage.reshape(-1)[lit]))
     trimmed = int(_TRIMMED * len(logarithms))
     middle = logarithms[trimmed : len(logarithms) - trimmed]
-    return exposure_value(float(np.exp(middle.mean()))) - _ROOM_ABOVE_GREY
+    return adapted_exposure(float(np.exp(middle.mean())))
+
+
+def adapted_exposure(log_average: float) -> float:
+    """EV that shows a room's log-average luminance (cd/m²) one stop above middle grey."""
+    return exposure_value(log_average) - _ROOM_ABOVE_GREY
 
 
 def display_colours(rgb: NDArray[np.float32], exposure: float) -> NDArray[np.uint8]:

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import tone_map
+from .display_view import Display
 from .refined_topology import RefinedTopology
 from .scene_description import MeshDescription
 from .solution import LUMINANCE_WEIGHTS, MeshLayout, RefinedMesh
@@ -63,7 +63,7 @@ class PrimvarLayout:
             back=back,
             relative_deviation=_pick(illuminance.relative_deviation, self.front),
             reflectance=self.reflectance,
-            adaptation_luminance=illuminance.adaptation_luminance,
+            display=illuminance.display,
         )
 
 
@@ -73,14 +73,14 @@ class VertexIlluminance:
 
     time_code : of the stage
     direct, indirect, relative_deviation : as in `Solution`
-    adaptation_luminance : cd/m^2, of the whole scene
+    display : from luminance to displayColor
     """
 
     time_code: float
     direct: NDArray[np.float32]
     indirect: NDArray[np.float32]
     relative_deviation: NDArray[np.float32]
-    adaptation_luminance: float
+    display: Display
 
     def on(self, refined: RefinedMesh, known: int | None = None) -> VertexIlluminance:
         """The same on another refined mesh.
@@ -93,7 +93,7 @@ class VertexIlluminance:
             refined.interpolate(self.direct[shared]),
             refined.interpolate(self.indirect[shared]),
             refined.interpolate(self.relative_deviation[shared]),
-            self.adaptation_luminance,
+            self.display,
         )
 
 
@@ -105,7 +105,7 @@ class PrimvarValues:
     back : (N, 3) float32, total, lx by channel; None for a one-sided mesh
     relative_deviation : (N,) float32, of the front's total
     reflectance : (N, 3) or (1, 3) float32
-    adaptation_luminance : cd/m^2, of the whole scene
+    display : from luminance to displayColor
     """
 
     direct: NDArray[np.float32]
@@ -113,7 +113,7 @@ class PrimvarValues:
     back: NDArray[np.float32] | None
     relative_deviation: NDArray[np.float32]
     reflectance: NDArray[np.float32]
-    adaptation_luminance: float
+    display: Display
 
     @property
     def total(self) -> NDArray[np.float32]:
@@ -121,13 +121,13 @@ class PrimvarValues:
 
 
 def _display_colour(values: PrimvarValues) -> NDArray[np.float32]:
-    """The brighter side's luminance ρE/π, tone-mapped: a point has one displayColor."""
+    """The brighter side's luminance ρE/π, for the display: a point has one displayColor."""
     illuminance = values.total
     if values.back is not None:
         back_is_brighter = values.back @ LUMINANCE_WEIGHTS > illuminance @ LUMINANCE_WEIGHTS
         illuminance = np.where(back_is_brighter[:, None], values.back, illuminance)
     luminance = np.multiply(illuminance, values.reflectance / np.pi, dtype=np.float32)
-    return tone_map(luminance, values.adaptation_luminance)
+    return values.display(luminance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +172,7 @@ OUTPUT_FIELDS = (
     OutputField(
         "displayColor",
         "1",
-        "tone-mapped luminance of the diffuse surface, its brighter side",
+        "luminance of the diffuse surface, its brighter side, as the display shows it",
         "reflectance",
         _display_colour,
     ),

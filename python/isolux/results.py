@@ -27,6 +27,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom, UsdRender, Vt
 from .adaptation import SceneAdaptation
 from .atomic_file import replace_atomically
 from .cage_results import CageOutput
+from .display_view import DisplayView
 from .errors import SceneError
 from .output_fields import (
     OUTPUT_FIELDS,
@@ -95,6 +96,7 @@ class ResultsWriter:
     scene : what was read of the source
     provenance : what is needed to replay the run: version, settings, seed, threads; text, numbers,
         lists of one type, or such a dict again (None is left out)
+    display : the view that displayColor is made for
     raises : SceneError where the output is a layer of the source, no USD file or not writable
     """
 
@@ -104,7 +106,9 @@ class ResultsWriter:
         output: str | Path,
         scene: SceneDescription,
         provenance: Mapping[str, Any],
+        display: DisplayView | None = None,
     ) -> None:
+        self._display = display or DisplayView()
         stage = source if isinstance(source, Usd.Stage) else Usd.Stage.Open(str(source))
         self._output = Path(output).absolute()
         self._results = self._output.with_suffix(".results.usdc")
@@ -166,7 +170,11 @@ class ResultsWriter:
             solution.direct,
             solution.indirect,
             solution.relative_deviation,
-            self._adaptation.luminance(solution.direct + solution.indirect, solution.vertex_areas),
+            self._display.adapted_to(
+                self._adaptation.luminance(
+                    solution.direct + solution.indirect, solution.vertex_areas
+                )
+            ),
         )
         with Sdf.ChangeBlock():
             if solution.refined is not None:

@@ -49,6 +49,10 @@ class SolverSettings:
         curved; 0: their control cages as they are
     crease_angle : degrees between adjacent faces above which an edge without authored normals
         is a crease
+    display_view : what displayColor is seen by: "tumblin-rushmeier", or DISPLAY/VIEW of the
+        OpenColorIO configuration; see `display_view`
+    display_adaptation : luminance to which the eye that displayColor is made for is adapted,
+        cd/m^2; 0: that of the scene's lit surfaces, stage by stage
     threads : 0 for all processors; no attribute of a stage, since it belongs to the machine
     """
 
@@ -68,6 +72,8 @@ class SolverSettings:
     subdivision_iterations: int = _number(3, 0, 8)
     surface_level: int = _number(2, 0, 6)
     crease_angle: float = _number(40.0, 0.0, 180.0)
+    display_view: str = "tumblin-rushmeier"
+    display_adaptation: float = _number(0.0, 0.0)
     threads: int = _number(0, 0)
 
     def __post_init__(self) -> None:
@@ -164,6 +170,10 @@ def _check(setting: Field[Any], value: Any) -> None:
     if choices is not None:
         if value not in choices:
             raise SettingsError(setting.name, repr(value), " or ".join(choices))
+        return
+    if isinstance(setting.default, str):  # a name: whoever uses it knows which there are
+        if not isinstance(value, str):
+            raise SettingsError(setting.name, repr(value), "a name")
         return
     minimum, maximum = setting.metadata["minimum"], setting.metadata["maximum"]
     whole = isinstance(setting.default, int)

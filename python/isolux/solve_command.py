@@ -16,8 +16,10 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from . import __version__
 from .core_scene import require_light_and_surface
+from .display_view import DisplayView
 from .errors import IsoluxError, SceneError, SettingsError
 from .interrupt import StopRequest, stop_on_signal
+from .preview_layer import preview_path, write_preview
 from .progress import SolveProgress
 from .report import PhaseSeconds, read_replay, write_report
 from .results import ResultsWriter
@@ -37,19 +39,24 @@ def solve_stage(
     time_code: float | None,
     report: Path | None,
     replay: Path | None = None,
+    preview: bool = False,
 ) -> Signals | None:
     """Solve the stage at `source` and write each progressive stage to `output`.
 
     options : fields of SolverSettings that override the stage's own
     report : JSON file to write at the end
     replay : results of an earlier run, to be made again by its settings and counts
+    preview : write the preview layer too
     returns : the signal that ended the run early, after the stage in progress was written
     raises : IsoluxError; KeyboardInterrupt at a second signal
     """
     messages = new_console(stderr=True)
-    override_settings(SolverSettings(), options)  # a wrong option fails before the stage is read
+    # A wrong option fails before the stage is read.
+    DisplayView.of(override_settings(SolverSettings(), options))
     _require_suffix(output, (".usda", ".usd", ".usdc"))
     require_place(output)
+    if preview:
+        require_place(preview_path(output))
     if report is not None:
         _require_suffix(report, (".json",))
         require_place(report)
@@ -73,11 +80,13 @@ def solve_stage(
     require_light_and_surface(scene, str(source))
 
     provenance = _provenance(settings)
-    writer = ResultsWriter(stage, output, scene, provenance)
+    writer = ResultsWriter(stage, output, scene, provenance, DisplayView.of(settings))
     solver = ProgressiveSolver(scene, settings)
     with stop_on_signal() as stop:
         stages, write_seconds = _solve_and_write(solver, writer, output, stop, messages, steps)
         late_findings = solver.findings() + tuple(writer.findings)
+        if preview and stages:
+            late_findings += tuple(write_preview(output))
         if late_findings:
             messages.print(findings_summary(late_findings))
         seconds = PhaseSeconds(
@@ -90,6 +99,8 @@ def solve_stage(
             scene = replace(scene, findings=scene.findings + late_findings)
             write_report(report, scene, stages, provenance, seconds)
     _print_outcome(new_console(), output, stages, seconds, report)
+    if preview and stages:
+        new_console().print(f"preview: {preview_path(output)}", soft_wrap=True)
     if stop.signal is not None:
         messages.print(f"interrupted: {_kept(stages, output)}", soft_wrap=True)
     return stop.signal

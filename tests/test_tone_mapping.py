@@ -46,6 +46,18 @@ def test_the_darkest_luminance_is_the_first_step_above_black(adaptation):
     assert display_value(1.1 * dark, adaptation) ** (1 / 2.2) > 1 / 255
 
 
+@pytest.mark.parametrize("adaptation", [0.0, 1e-3, 1.0, 30.0, 1e5, 1e12])
+def test_the_table_of_many_values_shows_what_each_alone_would(adaptation):
+    luminance = np.geomspace(1e-12, 1e13, 100_001)
+    grey = np.repeat(luminance.astype(np.float32)[:, None], 3, axis=1)
+    together = tone_map(grey, adaptation)
+    # Too few at a time for a table.
+    alone = np.concatenate([tone_map(some, adaptation) for some in np.array_split(grey, 50)])
+    assert together == pytest.approx(alone, abs=1e-5)
+    assert np.all(np.diff(together[:, 0]) >= -1e-6)
+    assert together[0].tolist() == [0, 0, 0] and together[-1].tolist() == [1, 1, 1]
+
+
 def test_colour_keeps_its_chromaticity_and_is_clamped_only_at_the_top():
     colours = np.array([[4.0, 2.0, 1.0], [0.0, 5.0, 0.0], [0.0, 0.0, 0.0]], np.float32)
     shown = tone_map(colours, 5.0)

@@ -17,16 +17,27 @@ using Colours = nb::ndarray<const float, nb::shape<-1, 3>, nb::c_contig, nb::dev
 using Values = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using DisplayColours = nb::ndarray<nb::numpy, float, nb::shape<-1, 3>>;
 
+// Values from which on filling the table, of some 2000 steps, takes less time than it saves.
+constexpr std::size_t worth_a_table = 10'000;
+
 DisplayColours tone_map(const Colours& luminance, double adaptation_luminance) {
     const isolux::ToneMapping mapping(adaptation_luminance);
     const std::size_t count = luminance.shape(0);
     auto values = std::make_unique<float[]>(3 * count);
-    for (std::size_t i = 0; i < count; ++i) {
-        const float* rgb = luminance.data() + 3 * i;
-        const double grey = isolux::luminance(isolux::Vec3d{rgb[0], rgb[1], rgb[2]});
-        const double factor = grey > 0.0 ? mapping.display_value(grey) / grey : 0.0;
-        for (std::size_t c = 0; c < 3; ++c)
-            values[3 * i + c] = static_cast<float>(std::clamp(factor * rgb[c], 0.0, 1.0));
+    const auto show = [&](const auto& display_value) {
+        for (std::size_t i = 0; i < count; ++i) {
+            const float* rgb = luminance.data() + 3 * i;
+            const float grey = isolux::luminance(isolux::Vec3f{rgb[0], rgb[1], rgb[2]});
+            const float factor = grey > 0.0f ? display_value(grey) / grey : 0.0f;
+            for (std::size_t c = 0; c < 3; ++c)
+                values[3 * i + c] = std::clamp(factor * rgb[c], 0.0f, 1.0f);
+        }
+    };
+    if (count < worth_a_table) {
+        show([&](float grey) { return static_cast<float>(mapping.display_value(grey)); });
+    } else {
+        const isolux::ToneTable table(mapping);
+        show([&](float grey) { return table.display_value(grey); });
     }
     float* released = values.release();
     nb::capsule owner(released, [](void* p) noexcept { delete[] static_cast<float*>(p); });

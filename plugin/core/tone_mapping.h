@@ -2,7 +2,9 @@
 // looks as bright to the display's viewer as the scene does to an observer adapted to the scene.
 #pragma once
 
+#include <cstdint>
 #include <span>
+#include <vector>
 
 namespace isolux {
 
@@ -30,8 +32,30 @@ class ToneMapping {
     double dark_luminance() const;
 
   private:
+    friend class ToneTable;
+
+    // Before it is clamped, and its inverse.
+    double unbounded_value(double luminance) const;
+    double luminance_of(double value) const;
+
     double scale_;
     double exponent_;
+};
+
+// The display values of one state of adaptation, looked up [Volevich 2000, §6]: from black to the
+// display's peak in steps of 1/256 octave, linear between them; off by less than 1e-5.
+class ToneTable {
+  public:
+    explicit ToneTable(const ToneMapping& mapping);
+
+    // As ToneMapping::display_value, of a luminance >= 0; 0 for NaN.
+    float display_value(float luminance) const;
+
+  private:
+    std::uint32_t first_; // step of values_[0]
+    float dark_;          // cd/m^2, below it: 0
+    float bright_;        // cd/m^2, from it on: 1
+    std::vector<float> values_;
 };
 
 // The same for a caller that needs nothing else of the operator.

@@ -24,10 +24,12 @@ def surface(
     *,
     double_sided: bool = False,
     flip_winding: bool = False,
+    opacity: ArrayLike | None = None,
+    path: str = "/Surface",
 ) -> MeshDescription:
     """A shape as the solver takes it. reflectance : one number, or linear Rec. 709."""
     return MeshDescription(
-        path="/Surface",
+        path=path,
         points=np.asarray(shape.points, np.float64),
         face_vertex_counts=np.asarray(shape.counts, np.int32),
         face_vertex_indices=np.asarray(shape.indices, np.int32),
@@ -36,6 +38,7 @@ def surface(
         reflectance=np.broadcast_to(reflectance, (1, 3)).astype(np.float32),
         double_sided=double_sided,
         flip_winding=flip_winding,
+        opacity=None if opacity is None else np.atleast_1d(np.asarray(opacity, np.float32)),
     )
 
 
@@ -135,6 +138,7 @@ def build(
             m.reflectance,
             m.double_sided,
             m.flip_winding,
+            m.opacity,
         )
     for light in luminaires:
         builder.add_luminaire(

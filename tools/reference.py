@@ -464,7 +464,7 @@ class PathTracer:
         light, end = self._emitters.illuminance(which, x, normals, u)
         lit = np.flatnonzero(light > 0)
         out = np.zeros_like(light)
-        out[lit] = np.where(self._caster.occluded(x[lit], end[lit]), 0.0, light[lit])
+        out[lit] = self._caster.transmitted(x[lit], end[lit]) * light[lit]
         return out
 
 

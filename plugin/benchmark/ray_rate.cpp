@@ -119,12 +119,12 @@ class ShadowRays {
         tbb::task_arena(threads).execute([&] {
             tbb::parallel_for(
                 tbb::blocked_range<std::size_t>(0, rays_.size(), kGrain), [&](const auto& block) {
-                    std::array<bool, kGrain> occluded;
+                    std::array<float, kGrain> transmitted;
                     for (auto i = block.begin(); i < block.end();) {
                         const std::size_t count = std::min(kGrain, block.end() - i);
-                        const std::span out(occluded.data(), count);
-                        ray_caster_.occluded(std::span(rays_).subspan(i, count), out);
-                        hits += static_cast<std::size_t>(std::ranges::count(out, true));
+                        const std::span out(transmitted.data(), count);
+                        ray_caster_.transmitted(std::span(rays_).subspan(i, count), out);
+                        hits += static_cast<std::size_t>(std::ranges::count(out, 0.0F));
                         i += count;
                     }
                 });

@@ -3,6 +3,7 @@
 #include <memory>
 #include <stdexcept>
 
+#include <nanobind/stl/optional.h>
 #include <tbb/parallel_for.h>
 
 #include "binding/arrays.h"
@@ -52,12 +53,12 @@ nb::tuple closest_hits(const RayCaster& caster, const In3<double>& origins,
                           hand_over(std::move(distances)));
 }
 
-Out<bool> occluded(const RayCaster& caster, const In3<double>& origins,
-                   const In3<double>& targets) {
+Out<float> transmitted(const RayCaster& caster, const In3<double>& origins,
+                       const In3<double>& targets) {
     const auto from = view(origins);
     const auto to = view(targets);
     require_same_length(from.size(), to.size());
-    auto out = std::make_unique<bool[]>(from.size()); // std::vector<bool> has no array of bool
+    std::vector<float> out(from.size());
     {
         nb::gil_scoped_release release;
         std::vector<Ray> rays(from.size());
@@ -68,12 +69,10 @@ Out<bool> occluded(const RayCaster& caster, const In3<double>& origins,
         tbb::parallel_for(std::size_t{0}, rays.size() / kRaysAtOnce + 1, [&](std::size_t block) {
             const std::size_t first = block * kRaysAtOnce;
             const std::size_t count = std::min(kRaysAtOnce, rays.size() - first);
-            caster.occluded({&rays[first], count}, {&out[first], count});
+            caster.transmitted({&rays[first], count}, {&out[first], count});
         });
     }
-    bool* values = out.release(); // freed by the capsule
-    nb::capsule owner(values, [](void* p) noexcept { delete[] static_cast<bool*>(p); });
-    return Out<bool>(values, {from.size()}, owner);
+    return hand_over(std::move(out));
 }
 
 nb::tuple triangulate_faces(const In3<double>& points, const In1<std::int32_t>& counts,
@@ -92,19 +91,27 @@ void bind_ray_caster(nb::module_& module) {
     nb::class_<RayCaster>(module, "RayCaster", "Closest hits among triangles.")
         .def(
             "__init__",
-            [](RayCaster* self, const In3<double>& points, const Triangles& triangles,
-               int threads) { new (self) RayCaster(view(points), rows(triangles), threads); },
-            "points"_a, "triangles"_a, "threads"_a = -1,
+            [](RayCaster* self, const In3<double>& points, const Triangles& triangles, int threads,
+               const std::optional<In1<float>>& opacity) {
+                const auto a = opacity ? view(*opacity) : std::span<const float>{};
+                if (opacity && a.size() != triangles.shape(0)) {
+                    throw std::invalid_argument("opacity wants one entry a triangle");
+                }
+                new (self) RayCaster(view(points), rows(triangles), {a.begin(), a.end()}, threads);
+            },
+            "points"_a, "triangles"_a, "threads"_a = -1, "opacity"_a.none() = nb::none(),
             "points : (V, 3) float64, metres, world space\n"
-            "triangles : (T, 3) int32, valid indices into points")
+            "triangles : (T, 3) int32, valid indices into points\n"
+            "opacity : (T,) float32 in (0, 1], share of the light that each stops; None: all")
         .def("closest_hits", &closest_hits, "origins"_a, "directions"_a,
              "origins : (n, 3) float64, metres, world space\n"
              "directions : (n, 3) float32, of any length\n"
              "returns : triangle (n,) int32, -1 where nothing is hit; barycentrics (n, 2) float32, "
              "weights of the vertices 1 and 2; distance (n,) float32, in lengths of the direction")
-        .def("occluded", &occluded, "origins"_a, "targets"_a,
+        .def("transmitted", &transmitted, "origins"_a, "targets"_a,
              "origins, targets : (n, 3) float64, metres, world space\n"
-             "returns : (n,) bool, whether a triangle lies between");
+             "returns : (n,) float32, share of the light that passes: 0 where an opaque triangle "
+             "lies between");
     module.def("triangulate", &triangulate_faces, "points"_a, "face_vertex_counts"_a,
                "face_vertex_indices"_a, "hole_faces"_a, "flip_winding"_a,
                "Triangles of polygon faces; holes and faces without area give none.\n\n"

@@ -32,13 +32,17 @@ class SceneBuilder {
                   const In1<std::int32_t>& face_vertex_indices,
                   const std::optional<In3<float>>& corner_normals,
                   const In1<std::int32_t>& hole_faces, const In3<float>& reflectance,
-                  bool double_sided, bool flip_winding) {
+                  bool double_sided, bool flip_winding, const std::optional<In1<float>>& opacity) {
         const auto normals = corner_normals ? view(*corner_normals) : std::span<const Vec3f>{};
+        if (opacity && opacity->size() != 1 && opacity->size() != face_vertex_counts.size()) {
+            throw std::invalid_argument("opacity wants one entry, or one a face");
+        }
         mesh_.add({{view(points), view(face_vertex_counts), view(face_vertex_indices),
                     view(hole_faces), flip_winding},
                    normals,
                    view(reflectance),
-                   double_sided},
+                   double_sided,
+                   opacity ? view(*opacity) : std::span<const float>{}},
                   crease_angle_);
     }
 
@@ -190,7 +194,9 @@ void bind_solver(nb::module_& module) {
         .def_prop_ro("vertex_count", [](const Scene& s) { return s.mesh().positions.size(); })
         .def_prop_ro(
             "vertex_areas", [](const Scene& s) { return hand_over(std::vector(s.mesh().areas)); },
-            nb::rv_policy::automatic, "(V,) float64, m^2 that each illumination vertex stands for")
+            nb::rv_policy::automatic,
+            "(V,) float64, m^2 that each illumination vertex stands for; of a surface of opacity a "
+            "the share a")
         .def_prop_ro(
             "vertex_positions",
             [](const Scene& s) { return hand_over(std::vector(s.mesh().positions)); },
@@ -219,7 +225,8 @@ void bind_solver(nb::module_& module) {
         .def(nb::init<double>(), "crease_angle"_a, "crease_angle : rad")
         .def("add_mesh", &SceneBuilder::add_mesh, "points"_a, "face_vertex_counts"_a,
              "face_vertex_indices"_a, "corner_normals"_a.none(), "hole_faces"_a, "reflectance"_a,
-             "double_sided"_a, "flip_winding"_a, "As isolux.scene_description.MeshDescription.")
+             "double_sided"_a, "flip_winding"_a, "opacity"_a.none() = nb::none(),
+             "As isolux.scene_description.MeshDescription; opacity in (0, 1].")
         .def("add_luminaire", &SceneBuilder::add_luminaire, "shape"_a, "origin"_a, "axes"_a,
              "size"_a, "colour"_a, "luminous_flux"_a, "diagram"_a.none(),
              "As isolux.scene_description.LuminaireDescription.")

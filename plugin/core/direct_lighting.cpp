@@ -101,13 +101,14 @@ class DirectLighting::Gathering {
         double angle = 0.0;    // rad, radius as seen from the receiver
         std::uint32_t samples = 0, wanted = 1; // points of the luminaire tried, to be tried
         double seen = 0.0, all = 0.0;          // sums of their weights
+        float least = 1.0F, most = 0.0F;       // of what reaches the receiver from one of them
         bool mixed = false;                    // its sibling's shadow rays met something else
         std::int32_t sibling = -1;             // the other half of a cluster just split
         double direct = 0.0;                   // lx
         double known = 0.0, edges = 0.0;       // lx², variance; the second for each edge a radian
 
         double visible() const { return all > 0.0 ? seen / all : 0.0; }
-        bool decided() const { return all > 0.0 && (seen == 0.0 || seen == all); }
+        bool decided() const { return all > 0.0 && least >= most; }
         // Of a further shadow ray, lx².
         double gain(double edges_per_radian) const {
             const double variance = known + edges_per_radian * edges;
@@ -146,8 +147,7 @@ class DirectLighting::Gathering {
     std::vector<Candidate> candidates_; // a heap
     std::vector<Ray> rays_;
     std::vector<Probe> probes_; // one a ray
-    std::unique_ptr<bool[]> occluded_;
-    std::size_t occluded_size_ = 0;
+    std::vector<float> transmitted_;
 };
 
 DirectLighting::Gathering::Found DirectLighting::Gathering::gather(const Receiver& receiver,
@@ -259,6 +259,8 @@ void DirectLighting::Gathering::split(std::int32_t index) {
         s.samples = s.wanted = parent.samples;
         s.seen = parent.seen;
         s.all = parent.all;
+        s.least = parent.least;
+        s.most = parent.most;
     }
     if (add_sampled(*other, cluster_illuminance(*other, receiver_)) && halved) {
         shares_[first].sibling = first + 1;
@@ -313,16 +315,14 @@ void DirectLighting::Gathering::cast() {
             }
         }
     }
-    if (occluded_size_ < rays_.size()) {
-        occluded_size_ = 2 * rays_.size();
-        occluded_ = std::make_unique<bool[]>(occluded_size_);
-    }
-    caster.occluded(rays_, {occluded_.get(), rays_.size()});
+    transmitted_.resize(rays_.size());
+    caster.transmitted(rays_, transmitted_);
     shadow_rays_ += rays_.size();
     for (std::size_t k = 0; k < probes_.size(); ++k) {
-        if (!occluded_[k]) {
-            shares_[probes_[k].share].seen += probes_[k].weight;
-        }
+        Share& s = shares_[probes_[k].share];
+        s.seen += probes_[k].weight * static_cast<double>(transmitted_[k]);
+        s.least = std::min(s.least, transmitted_[k]);
+        s.most = std::max(s.most, transmitted_[k]);
     }
 }
 

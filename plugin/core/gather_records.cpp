@@ -152,13 +152,11 @@ Vec3f RecordTracer::direct_illuminance(const Receiver& at, PhotonRandom& random)
     const ShadowSample sample = luminaire.shadow_sample(at, v, w);
     const Vec3f from = (at.position - scene_.ray_caster().origin()).as<float>();
     const Vec3f to = (sample.point - scene_.ray_caster().origin()).as<float>() - from;
-    const std::array ray{Ray{from, to * (1.0F - 0x1p-12F)}};
-    std::array<bool, 1> hidden{};
-    scene_.ray_caster().occluded(ray, hidden);
-    if (sample.weight <= 0.0 || hidden[0]) {
+    if (sample.weight <= 0.0) {
         return {};
     }
-    return luminaire.luminaire().colour * static_cast<float>(sum);
+    const float visible = scene_.ray_caster().transmitted(Ray{from, to * (1.0F - 0x1p-12F)});
+    return luminaire.luminaire().colour * (static_cast<float>(sum) * visible);
 }
 
 void look_up(std::span<const Exitance> exitances, GatherRecord& record) {

@@ -118,21 +118,25 @@ void join_by_angle(const SurfaceMesh& mesh, std::span<const std::int32_t> corner
     }
 }
 
-// One surface for each reflectance that occurs in the mesh; out[f] is that of face f.
+// One surface for each reflectance and opacity that occur in the mesh; out[f] is that of face f.
 std::vector<std::int32_t> add_surfaces(const SurfaceMesh& mesh, Surface surface,
                                        std::vector<Surface>& surfaces) {
     std::vector<std::int32_t> of_face(mesh.face_vertex_counts.size());
-    std::map<std::tuple<float, float, float>, std::int32_t> known;
+    std::map<std::tuple<float, float, float, float>, std::int32_t> known;
+    const bool one = mesh.reflectance.size() == 1 && mesh.opacity.size() <= 1;
     for (std::size_t f = 0; f < of_face.size(); ++f) {
         const Vec3f& rho = mesh.reflectance[mesh.reflectance.size() == 1 ? 0 : f];
-        const auto [entry, is_new] =
-            known.try_emplace({rho.x, rho.y, rho.z}, static_cast<std::int32_t>(surfaces.size()));
+        const float opacity =
+            mesh.opacity.empty() ? 1.0F : mesh.opacity[mesh.opacity.size() == 1 ? 0 : f];
+        const auto [entry, is_new] = known.try_emplace({rho.x, rho.y, rho.z, opacity},
+                                                       static_cast<std::int32_t>(surfaces.size()));
         if (is_new) {
             surface.reflectance = rho;
+            surface.opacity = opacity;
             surfaces.push_back(surface);
         }
         of_face[f] = entry->second;
-        if (mesh.reflectance.size() == 1) {
+        if (one) {
             std::ranges::fill(of_face, entry->second);
             break;
         }
@@ -216,17 +220,15 @@ void IlluminationMesh::add(const SurfaceMesh& mesh, double crease_angle) {
     elements.reserve(elements.size() + triangles.corners.size());
     for (std::size_t t = 0; t < triangles.corners.size(); ++t) {
         MeshElement element{{}, surface_of_face[triangles.faces[t]]};
-        std::array<Vec3d, 3> p;
         for (std::size_t k = 0; k < 3; ++k) {
             const std::int32_t corner = triangles.corners[t][k];
             element.vertices[k] = range.front_begin + range.corner_vertices[corner];
-            p[k] = mesh.points[mesh.face_vertex_indices[corner]];
             connected.join(range.corner_vertices[triangles.corners[t][0]],
                            range.corner_vertices[corner]);
         }
-        const double area = 0.5 * length(cross(p[1] - p[0], p[2] - p[0]));
+        const double third = area(element) / 3.0;
         for (const std::int32_t v : element.vertices) {
-            areas[v] += area / 3.0;
+            areas[v] += third;
         }
         elements.push_back(element);
     }
@@ -244,16 +246,23 @@ void IlluminationMesh::add(const SurfaceMesh& mesh, double crease_angle) {
     meshes.push_back(std::move(range));
 }
 
+double IlluminationMesh::area(const MeshElement& element) const {
+    const auto [a, b, c] = element.vertices;
+    const Vec3d& p = positions[a];
+    return 0.5 * static_cast<double>(surface(element).opacity) *
+           length(cross(positions[b] - p, positions[c] - p));
+}
+
 std::vector<Receiver> vertex_receivers(const IlluminationMesh& mesh) {
     // Of the way to the middle of the elements around: small beside an element, large beside the
     // rounding of its coordinates.
     constexpr double kInset = 1.0 / 64.0;
     std::vector<Vec3d> middles(mesh.positions.size()); // times area
     for (const MeshElement& element : mesh.elements) {
-        const Surface& surface = mesh.surfaces[static_cast<std::size_t>(element.surface)];
+        const Surface& surface = mesh.surface(element);
         const auto [a, b, c] = element.vertices;
         const Vec3d &p = mesh.positions[a], &q = mesh.positions[b], &r = mesh.positions[c];
-        const double area = 0.5 * length(cross(q - p, r - p)) / 3.0;
+        const double area = mesh.area(element) / 3.0;
         for (const std::int32_t v : element.vertices) {
             middles[v] += (p + q + r) * (area / 3.0);
             if (surface.back_offset >= 0) {

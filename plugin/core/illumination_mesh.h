@@ -20,6 +20,7 @@ struct SurfaceMesh : PolygonMesh {
     std::span<const Vec3f> corner_normals; // front side, unit; empty: creases by angle
     std::span<const Vec3f> reflectance;    // one for all faces or one a face, linear Rec. 709
     bool double_sided = false;             // else the back absorbs
+    std::span<const float> opacity = {};   // one for all faces or one a face, (0, 1]; empty: all 1
 };
 
 // What a photon meets on an element, on either side.
@@ -27,6 +28,7 @@ struct Surface {
     Vec3f reflectance;
     std::int32_t mesh = 0;
     std::int32_t back_offset = -1; // from a front vertex to its twin on the back; -1: one-sided
+    float opacity = 1.0F;          // share of the light that it stops
 };
 
 // 16 bytes: all that a photon needs of the element that it hits.
@@ -49,12 +51,19 @@ struct IlluminationMesh {
     // One entry a vertex:
     std::vector<Vec3d> positions;         // m, world space
     std::vector<Vec3f> normals;           // unit; zero where all elements around are degenerate
-    std::vector<double> areas;            // m², a third of the elements around
+    std::vector<double> areas;            // m², a third of area() of the elements around
     std::vector<std::int32_t> components; // topologically connected surface, its lowest vertex
 
     // Adds a mesh: triangulates it and splits its points at creases sharper than crease_angle
     // (rad), or where authored normals differ.
     void add(const SurfaceMesh& mesh, double crease_angle);
+
+    const Surface& surface(const MeshElement& element) const {
+        return surfaces[static_cast<std::size_t>(element.surface)];
+    }
+    // m², of what stops light: a surface of opacity a is a sieve, of which the share a is there.
+    // What photons leave on it, over this area, is its illuminance.
+    double area(const MeshElement& element) const;
 };
 
 // Where each vertex samples light: a little towards the middle of the elements around it, so that a

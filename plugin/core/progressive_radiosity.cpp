@@ -30,8 +30,9 @@ constexpr double kInteraction = 0.25;
 // know it far better than each.
 constexpr std::uint32_t kLossRays = 16;
 
-Vec3d reflected(const Vec3f& reflectance, const Vec3d& illuminance) {
-    return reflectance.as<double>() * illuminance;
+// A sieve gives off light where it stops it.
+Vec3d reflected(const Surface& surface, const Vec3d& illuminance) {
+    return surface.reflectance.as<double>() * illuminance * static_cast<double>(surface.opacity);
 }
 
 Exitance exitance_of(const Vec3d& colour) { return {colour, luminance(colour), luminance(colour)}; }
@@ -71,12 +72,12 @@ void ProgressiveRadiosity::begin(std::span<const Vec3f> direct) {
     double area = 0.0, absorbed = 0.0, incident = 0.0;
     for (std::size_t i = 0; i < direct.size(); ++i) {
         const RadiosityNode& leaf = hierarchy_.nodes[hierarchy_.leaves[i]];
-        const Vec3f& rho =
-            scene_.mesh().surfaces[static_cast<std::size_t>(leaf.surface)].reflectance;
-        unshot_[hierarchy_.leaves[i]] = exitance_of(reflected(rho, direct[i].as<double>()));
+        const Surface& surface = scene_.mesh().surfaces[static_cast<std::size_t>(leaf.surface)];
+        const double solid = leaf.area * static_cast<double>(surface.opacity);
+        unshot_[hierarchy_.leaves[i]] = exitance_of(reflected(surface, direct[i].as<double>()));
         area += leaf.area;
-        incident += leaf.area;
-        absorbed += leaf.area * (1.0 - static_cast<double>(luminance(rho)));
+        incident += solid;
+        absorbed += solid * (1.0 - static_cast<double>(luminance(surface.reflectance)));
     }
     pull(unshot_);
     total_ = unshot_;
@@ -114,7 +115,9 @@ ShootingProgress ProgressiveRadiosity::advance(std::uint64_t ray_budget, int thr
             const Vec3d leaving = unshot_[leaf].mean * hierarchy_.nodes[leaf].area;
             shot += leaving;
             lost += leaving * lost_[i];
-            received += received_[leaf] * hierarchy_.nodes[leaf].area;
+            const RadiosityNode& node = hierarchy_.nodes[leaf];
+            const Surface& surface = scene_.mesh().surfaces[static_cast<std::size_t>(node.surface)];
+            received += received_[leaf] * (node.area * static_cast<double>(surface.opacity));
         }
         // Departure: what is received is made to fit what is shot and not lost, so that errors of
         // a tenth of a percent don't grow to percents where light is reflected twenty times
@@ -127,7 +130,7 @@ ShootingProgress ProgressiveRadiosity::advance(std::uint64_t ray_budget, int thr
         for (const std::int32_t leaf : hierarchy_.leaves) {
             const RadiosityNode& node = hierarchy_.nodes[leaf];
             const Surface& surface = scene_.mesh().surfaces[static_cast<std::size_t>(node.surface)];
-            unshot_[leaf] = exitance_of(reflected(surface.reflectance, received_[leaf] * balance));
+            unshot_[leaf] = exitance_of(reflected(surface, received_[leaf] * balance));
             total_[leaf] = exitance_of(total_[leaf].mean + unshot_[leaf].mean);
         }
         pull(unshot_);

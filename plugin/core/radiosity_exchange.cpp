@@ -285,7 +285,7 @@ class Exchange {
                 ? TriangleRegion(origins.node->corners)
                 : TriangleRegion(origins.node->corners, source.centre, source.normal);
         std::array<double, kRays> weights, values;
-        double weight = 0.0, seen = 0.0;
+        double weight = 0.0, least = 1.0, most = 0.0; // of the shares seen
         Sampled out;
         std::uint32_t count = 0, used = 0;
         for (const std::uint32_t end : {kProbes, kRays}) {
@@ -315,15 +315,14 @@ class Exchange {
                 const double w = cosines / (d2 * d2);
                 weight += w;
                 weights[used] = w;
-                values[used] = 0.0;
-                if (sees(from, origins.normal, at.position, normal)) {
-                    seen += w;
-                    out.light += exitance_[at.leaf].mean * w;
-                    values[used] = luminance(exitance_[at.leaf].mean);
-                }
+                const double visible = sees(from, origins.normal, at.position, normal);
+                least = std::min(least, visible);
+                most = std::max(most, visible);
+                out.light += exitance_[at.leaf].mean * (w * visible);
+                values[used] = luminance(exitance_[at.leaf].mean) * visible;
                 ++used;
             }
-            out.mixed = seen > 0.0 && seen < weight;
+            out.mixed = least < most;
             if (!out.mixed || brings < 0.25 * tolerance_) {
                 break;
             }
@@ -383,15 +382,16 @@ class Exchange {
         return {position, s};
     }
 
-    bool sees(const Vec3d& from, const Vec3d& from_normal, const Vec3d& to,
-              const Vec3d& to_normal) {
+    // Share of the light that passes.
+    double sees(const Vec3d& from, const Vec3d& from_normal, const Vec3d& to,
+                const Vec3d& to_normal) {
         ++rays;
         const auto off_surface = [this](const Vec3d& p, const Vec3d& n) {
             const Vec3f local = (p - caster_.origin()).as<float>();
             return local + n.as<float>() * caster_.offset(local, 0.0F);
         };
         const Vec3f a = off_surface(from, from_normal), b = off_surface(to, to_normal);
-        return !caster_.occluded(Ray{a, b - a});
+        return static_cast<double>(caster_.transmitted(Ray{a, b - a}));
     }
 
     const RayCaster& caster_;

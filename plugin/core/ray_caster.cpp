@@ -1,6 +1,7 @@
 #include "core/ray_caster.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <new>
@@ -12,6 +13,8 @@
 #include <embree3/rtcore.h>
 #endif
 #include <tbb/task_arena.h>
+
+#include "core/random.h"
 
 namespace isolux {
 namespace {
@@ -30,27 +33,85 @@ constexpr float kRelativeOffset = 0x1p-20F;
 // Shadow rays that go through the tree together, and the least that gain by it.
 constexpr std::size_t kPacket = 8, kLeastPacket = 4;
 
+// A ray this near to an edge, in barycentric terms, may meet both triangles there: sixteen times
+// what Embree lets them overlap.
+constexpr float kAtEdge = 0x1p-19F;
+
 #if RTC_VERSION_MAJOR >= 4
-void intersect(RTCScene scene, RTCRayHit& ray_hit) { rtcIntersect1(scene, &ray_hit); }
-void occlude(RTCScene scene, RTCRay& ray) { rtcOccluded1(scene, &ray); }
-void occlude(const int* valid, RTCScene scene, RTCRay8& rays) { rtcOccluded8(valid, scene, &rays); }
+using EmbreeContext = RTCRayQueryContext;
 #else
-void intersect(RTCScene scene, RTCRayHit& ray_hit) {
-    RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
-    rtcIntersect1(scene, &context, &ray_hit);
+using EmbreeContext = RTCIntersectContext;
+#endif
+
+// What the filters need beside Embree's own.
+struct Query : EmbreeContext {
+    std::uint64_t key = 0; // of a ray that looks for its closest hit
+    // Of shadow rays, by their id:
+    std::array<float, kPacket> transmitted{};
+    std::array<std::uint8_t, kPacket> edge_count{};  // edges met, as far as there is room
+    std::array<std::array<float, 4>, kPacket> edges; // distances to them
+
+    Query() : EmbreeContext() {
+#if RTC_VERSION_MAJOR >= 4
+        rtcInitRayQueryContext(this);
+#else
+        rtcInitIntersectContext(this);
+#endif
+        transmitted.fill(1.0F);
+    }
+
+    // Whether no other triangle was met at this edge.
+    bool first_at_edge(unsigned ray, float distance) {
+        const std::span met(edges[ray].data(), edge_count[ray]);
+        const auto same = [distance](float d) { return std::abs(d - distance) <= kAtEdge * d; };
+        if (std::ranges::any_of(met, same)) {
+            return false;
+        }
+        if (met.size() < edges[ray].size()) {
+            edges[ray][edge_count[ray]++] = distance;
+        }
+        return true;
+    }
+};
+
+#if RTC_VERSION_MAJOR >= 4
+void intersect(RTCScene scene, Query& query, RTCRayHit& ray_hit) {
+    RTCIntersectArguments arguments;
+    rtcInitIntersectArguments(&arguments);
+    arguments.context = &query;
+    rtcIntersect1(scene, &ray_hit, &arguments);
 }
-void occlude(RTCScene scene, RTCRay& ray) {
-    RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
-    rtcOccluded1(scene, &context, &ray);
+void occlude(RTCScene scene, Query& query, RTCRay& ray) {
+    RTCOccludedArguments arguments;
+    rtcInitOccludedArguments(&arguments);
+    arguments.context = &query;
+    rtcOccluded1(scene, &ray, &arguments);
 }
-void occlude(const int* valid, RTCScene scene, RTCRay8& rays) {
-    RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
-    rtcOccluded8(valid, scene, &context, &rays);
+void occlude(const int* valid, RTCScene scene, Query& query, RTCRay8& rays) {
+    RTCOccludedArguments arguments;
+    rtcInitOccludedArguments(&arguments);
+    arguments.context = &query;
+    rtcOccluded8(valid, scene, &rays, &arguments);
+}
+#else
+void intersect(RTCScene scene, Query& query, RTCRayHit& ray_hit) {
+    rtcIntersect1(scene, &query, &ray_hit);
+}
+void occlude(RTCScene scene, Query& query, RTCRay& ray) { rtcOccluded1(scene, &query, &ray); }
+void occlude(const int* valid, RTCScene scene, Query& query, RTCRay8& rays) {
+    rtcOccluded8(valid, scene, &query, &rays);
 }
 #endif
+
+std::uint64_t ray_key(const Ray& ray) {
+    const auto two = [](float a, float b) {
+        return static_cast<std::uint64_t>(std::bit_cast<std::uint32_t>(a)) << 32 |
+               std::bit_cast<std::uint32_t>(b);
+    };
+    return mix64(
+        two(ray.origin.x, ray.origin.y) +
+        mix64(two(ray.origin.z, ray.direction.x) + mix64(two(ray.direction.y, ray.direction.z))));
+}
 
 RTCRay embree_ray(const Ray& ray, float far) {
     RTCRay out{};
@@ -70,6 +131,37 @@ RTCRay embree_ray(const Ray& ray, float far) {
 struct RayCaster::Embree {
     RTCDevice device = new_device();
     RTCScene scene = rtcNewScene(device);
+    std::vector<float> opacity; // of each triangle; empty: all 1
+
+    // Of single rays. What it refuses is not hit.
+    static void meet(const RTCFilterFunctionNArguments* arguments) {
+        const auto& embree = *static_cast<const Embree*>(arguments->geometryUserPtr);
+        const auto& query = *static_cast<const Query*>(arguments->context);
+        const std::uint32_t triangle = RTCHitN_primID(arguments->hit, 1, 0);
+        const float opacity = embree.opacity[triangle];
+        if (opacity < 1.0F && high_float(mix64(query.key ^ mix64(triangle))) >= opacity) {
+            arguments->valid[0] = 0;
+        }
+    }
+    // Of shadow rays, some at once. What is refused is passed.
+    static void pass(const RTCFilterFunctionNArguments* arguments) {
+        const auto& embree = *static_cast<const Embree*>(arguments->geometryUserPtr);
+        auto& query = *static_cast<Query*>(arguments->context);
+        const unsigned n = arguments->N;
+        for (unsigned i = 0; i < n; ++i) {
+            const std::uint32_t triangle = RTCHitN_primID(arguments->hit, n, i);
+            if (arguments->valid[i] == 0 || embree.opacity[triangle] == 1.0F) {
+                continue;
+            }
+            arguments->valid[i] = 0;
+            const float u = RTCHitN_u(arguments->hit, n, i), v = RTCHitN_v(arguments->hit, n, i);
+            const unsigned ray = RTCRayN_id(arguments->ray, n, i);
+            if (std::min({u, v, 1.0F - u - v}) > kAtEdge ||
+                query.first_at_edge(ray, RTCRayN_tfar(arguments->ray, n, i))) {
+                query.transmitted[ray] *= 1.0F - embree.opacity[triangle];
+            }
+        }
+    }
 
     // Watertight: a ray through an edge meets one of the triangles that share it.
     Embree() { rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST); }
@@ -82,8 +174,10 @@ struct RayCaster::Embree {
 };
 
 RayCaster::RayCaster(std::span<const Vec3d> points,
-                     std::span<const std::array<std::int32_t, 3>> triangles, int threads)
+                     std::span<const std::array<std::int32_t, 3>> triangles,
+                     std::vector<float> opacity, int threads)
     : embree_(std::make_unique<Embree>()), least_offset_(0.0F) {
+    embree_->opacity = std::move(opacity);
     Vec3d low{std::numeric_limits<double>::max(), std::numeric_limits<double>::max(),
               std::numeric_limits<double>::max()};
     Vec3d high = -low;
@@ -114,6 +208,11 @@ RayCaster::RayCaster(std::span<const Vec3d> points,
         std::ranges::transform(points, vertex,
                                [this](const Vec3d& p) { return (p - origin_).as<float>(); });
         std::ranges::copy(triangles, index);
+        if (!embree_->opacity.empty()) {
+            rtcSetGeometryUserData(geometry, embree_.get());
+            rtcSetGeometryIntersectFilterFunction(geometry, Embree::meet);
+            rtcSetGeometryOccludedFilterFunction(geometry, Embree::pass);
+        }
         rtcCommitGeometry(geometry);
         rtcAttachGeometry(embree_->scene, geometry);
     }
@@ -129,7 +228,11 @@ Hit RayCaster::closest_hit(const Ray& ray) const {
     RTCRayHit ray_hit{};
     ray_hit.ray = embree_ray(ray, std::numeric_limits<float>::infinity());
     ray_hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-    intersect(embree_->scene, ray_hit);
+    Query query;
+    if (!embree_->opacity.empty()) {
+        query.key = ray_key(ray);
+    }
+    intersect(embree_->scene, query, ray_hit);
     if (ray_hit.hit.geomID == RTC_INVALID_GEOMETRY_ID) {
         return {};
     }
@@ -140,13 +243,14 @@ Hit RayCaster::closest_hit(const Ray& ray) const {
             {ray_hit.hit.Ng_x, ray_hit.hit.Ng_y, ray_hit.hit.Ng_z}};
 }
 
-bool RayCaster::occluded(const Ray& ray) const {
+float RayCaster::transmitted(const Ray& ray) const {
     RTCRay shadow_ray = embree_ray(ray, 1.0F);
-    occlude(embree_->scene, shadow_ray);
-    return shadow_ray.tfar < 0.0F; // Embree's mark
+    Query query;
+    occlude(embree_->scene, query, shadow_ray);
+    return shadow_ray.tfar < 0.0F ? 0.0F : query.transmitted[0]; // Embree's mark
 }
 
-void RayCaster::occluded(std::span<const Ray> rays, std::span<bool> out) const {
+void RayCaster::transmitted(std::span<const Ray> rays, std::span<float> out) const {
     std::size_t done = 0;
     for (; done + kLeastPacket <= rays.size(); done += kPacket) {
         const std::size_t count = std::min(kPacket, rays.size() - done);
@@ -163,14 +267,16 @@ void RayCaster::occluded(std::span<const Ray> rays, std::span<bool> out) const {
             packet.dir_z[i] = ray.direction.z;
             packet.tfar[i] = 1.0F;
             packet.mask[i] = ~0U;
+            packet.id[i] = static_cast<unsigned>(i);
         }
-        occlude(valid.data(), embree_->scene, packet);
+        Query query;
+        occlude(valid.data(), embree_->scene, query, packet);
         for (std::size_t i = 0; i < count; ++i) {
-            out[done + i] = packet.tfar[i] < 0.0F;
+            out[done + i] = packet.tfar[i] < 0.0F ? 0.0F : query.transmitted[i];
         }
     }
     for (; done < rays.size(); ++done) {
-        out[done] = occluded(rays[done]);
+        out[done] = transmitted(rays[done]);
     }
 }
 

@@ -1,5 +1,8 @@
 // Closest hits and occlusion among triangles. The only unit that sees Embree.
 //
+// A triangle of opacity a stops the share a of the light that meets it: a closest hit meets it with
+// probability a, decided by a hash of ray and triangle, and of a shadow ray it stops that share.
+//
 // Positions are recentred in double before they become float rays, so that a stage far from its
 // origin keeps its precision.
 #pragma once
@@ -8,6 +11,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <vector>
 
 #include "core/vec3.h"
 
@@ -30,9 +34,10 @@ struct Ray {
 class RayCaster {
   public:
     // Triangles that touch no finite area may be given: they are never hit.
+    // opacity : one a triangle, in (0, 1]; empty: all opaque, and rays cost what they cost then
     // `threads` build the tree; the tree does not depend on their number.
     RayCaster(std::span<const Vec3d> points, std::span<const std::array<std::int32_t, 3>> triangles,
-              int threads);
+              std::vector<float> opacity, int threads);
     ~RayCaster();
     RayCaster(const RayCaster&) = delete;
     RayCaster& operator=(const RayCaster&) = delete;
@@ -44,10 +49,10 @@ class RayCaster {
     float offset(const Vec3f& p, float distance) const;
 
     Hit closest_hit(const Ray& ray) const;
-    // Whether anything lies within the length of its direction.
-    bool occluded(const Ray& ray) const;
+    // Share of the light that passes along the length of the ray's direction.
+    float transmitted(const Ray& ray) const;
     // The same for each ray; those that start or end near each other are fastest.
-    void occluded(std::span<const Ray> rays, std::span<bool> out) const;
+    void transmitted(std::span<const Ray> rays, std::span<float> out) const;
 
   private:
     struct Embree;

@@ -113,7 +113,7 @@ bool RecordInterpolation::alike(std::int32_t vertex, std::int32_t other) const {
     };
     const Vec3f from = p + lift(p, m, -dot(across, m));
     const Vec3f to = q + lift(q, n, dot(across, n));
-    return !caster_.occluded(Ray{from, to - from});
+    return caster_.transmitted(Ray{from, to - from}) == 1.0F;
 }
 
 std::int32_t RecordInterpolation::anchor(std::int32_t vertex, std::int32_t own) const {

@@ -14,13 +14,25 @@ std::vector<std::array<std::int32_t, 3>> triangles_of(const IlluminationMesh& me
     return out;
 }
 
+// One an element; empty where all are opaque.
+std::vector<float> opacities_of(const IlluminationMesh& mesh) {
+    std::vector<float> out;
+    if (!std::ranges::all_of(mesh.surfaces, [](const Surface& s) { return s.opacity == 1.0F; })) {
+        out.resize(mesh.elements.size());
+        std::ranges::transform(mesh.elements, out.begin(), [&](const MeshElement& element) {
+            return mesh.surface(element).opacity;
+        });
+    }
+    return out;
+}
+
 } // namespace
 
 Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires, int threads)
     : mesh_(std::move(mesh)), luminaires_(std::move(luminaires)), luminous_flux_(0.0),
       coloured_(!std::ranges::all_of(mesh_.surfaces, grey, &Surface::reflectance) ||
                 !std::ranges::all_of(luminaires_, grey, &Luminaire::colour)),
-      ray_caster_(mesh_.positions, triangles_of(mesh_), threads) {
+      ray_caster_(mesh_.positions, triangles_of(mesh_), opacities_of(mesh_), threads) {
     assert(!luminaires_.empty());
     for (const auto& luminaire : luminaires_) {
         assert(luminaire.luminous_flux > 0.0);

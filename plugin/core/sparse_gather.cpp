@@ -41,10 +41,8 @@ std::vector<Exitance> SparseGather::exitances(std::span<const Vec3f> illuminance
     const IlluminationMesh& mesh = scene_.mesh();
     std::vector<Vec3f> reflecting_area(illuminance.size());
     for (const MeshElement& element : mesh.elements) {
-        const Surface& surface = mesh.surfaces[static_cast<std::size_t>(element.surface)];
-        const auto [a, b, c] = element.vertices;
-        const Vec3d &p = mesh.positions[a], &q = mesh.positions[b], &r = mesh.positions[c];
-        const auto third = static_cast<float>(length(cross(q - p, r - p)) / 6.0);
+        const Surface& surface = mesh.surface(element);
+        const auto third = static_cast<float>(mesh.area(element) / 3.0);
         for (const std::int32_t v : element.vertices) {
             reflecting_area[v] += surface.reflectance * third;
             if (surface.back_offset >= 0) {

@@ -44,10 +44,11 @@ def build_core_scene(
             mesh.face_vertex_counts,
             mesh.face_vertex_indices,
             mesh.corner_normals,
-            mesh.hole_faces,
+            _faces_of_no_surface(mesh),
             mesh.reflectance,
             mesh.double_sided,
             mesh.flip_winding,
+            mesh.opacity,
         )
     for luminaire in scene.luminaires:
         builder.add_luminaire(
@@ -71,10 +72,19 @@ def mesh_triangles(mesh: MeshDescription) -> tuple[NDArray[np.int32], NDArray[np
         mesh.points,
         mesh.face_vertex_counts,
         mesh.face_vertex_indices,
-        mesh.hole_faces,
+        _faces_of_no_surface(mesh),
         mesh.flip_winding,
     )
     return corners, faces
+
+
+def _faces_of_no_surface(mesh: MeshDescription) -> NDArray[np.int32]:
+    """Holes, and faces that stop no light."""
+    if mesh.opacity is None or mesh.opacity.all():
+        return mesh.hole_faces
+    opacity = np.broadcast_to(mesh.opacity, mesh.face_vertex_counts.shape)
+    clear = np.flatnonzero(opacity == 0.0).astype(np.int32)
+    return np.union1d(mesh.hole_faces, clear)
 
 
 def _candela_distribution(

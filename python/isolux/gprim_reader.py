@@ -54,6 +54,7 @@ def read_gprim(
         normals = np.ascontiguousarray(-turned if left_handed else turned, np.float32)
     topology = MeshTopology(shape.counts, shape.indices, len(shape.points))
     world = shape.points @ to_world[:3, :3] + to_world[3, :3]
+    surfaces = materials.surfaces(gprim, topology)
     return MeshDescription(
         path=str(prim.GetPath()),
         points=world * context.meters_per_unit,
@@ -61,9 +62,11 @@ def read_gprim(
         face_vertex_indices=shape.indices,
         corner_normals=normals,
         hole_faces=np.zeros(0, np.int32),
-        reflectance=materials.reflectance(gprim, topology),
+        reflectance=surfaces.reflectance,
         double_sided=bool(gprim.GetDoubleSidedAttr().Get(context.time)),
         flip_winding=left_handed != mirrored,
+        opacity=surfaces.opacity,
+        emission=surfaces.emission,
     )
 
 

@@ -148,7 +148,11 @@ class ResultsWriter:
         """What the results don't tell as the solver did."""
         outputs = (self._meshes.get(path) for path in sorted(self._cages))
         cages = (output.finding() for output in outputs if isinstance(output, CageOutput))
-        return self._shape_findings + self._refined_findings + [finding for finding in cages if finding]
+        return (
+            self._shape_findings
+            + self._refined_findings
+            + [finding for finding in cages if finding]
+        )
 
     def write(self, solution: Solution) -> None:
         """Add one stage at its integer time code and replace the files.

@@ -140,13 +140,6 @@ def test_normals_that_can_not_be_trusted_are_left_out_by_name(normals):
     assert found(scene) == [("/Square", "normals", "repaired")]
 
 
-def test_subdivision_is_read_as_its_control_cage_without_normals():
-    normals = 'normal3f[] normals = [(0, 0, 1)] ( interpolation = "constant" )'
-    scene = read_usda(square(normals, subdivision="catmullClark"))
-    assert scene.meshes[0].corner_normals is None
-    assert found(scene) == [("/Square", "subdivisionScheme", "approximated")]
-
-
 @pytest.mark.parametrize(
     ("authored", "broken", "reason"),
     [

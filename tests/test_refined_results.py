@@ -162,7 +162,7 @@ VARIANTS = {
     "mirrored": {"mirrored": True},
     "left-handed and mirrored": {"orientation": "leftHanded", "mirrored": True},
     "double-sided": {"doubleSided": True},
-    "subdivision surface": {"subdivisionScheme": "catmullClark"},
+    "subdivision surface": {"subdivisionScheme": "bilinear"},
 }
 
 

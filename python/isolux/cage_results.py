@@ -8,7 +8,7 @@ holds the limit stencils, so that whoever subdivides the primvar gets v again.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +19,7 @@ from .output_fields import (
     MeshCorners,
     OutputField,
     PrimvarLayout,
+    PrimvarValues,
     VertexIlluminance,
     corner_values,
     face_kinds,
@@ -32,8 +33,10 @@ if TYPE_CHECKING:
 
 # Relative residual of the normal equations at which the iteration stops, and the most steps: the
 # condition of the limit masks is below 100 but for unused points.
-FIT_ACCURACY = 1e-6
+FIT_ACCURACY = 1e-5
 MAX_FIT_STEPS = 200
+# Relative step at which the bounded iteration stops.
+BOUNDED_ACCURACY = 1e-4
 # Relative RMS difference from which on it is told.
 TOLD_FIT_ERROR = 0.01
 
@@ -50,34 +53,67 @@ class CageFit:
             weights = np.ones_like(weights)
         self.stencils = stencils
         self._weighted = stencils.multiply(weights[:, None]).tocsr().T.tocsr()
-        diagonal = np.asarray(stencils.multiply(stencils).T @ weights)
-        self._preconditioner = np.divide(
-            1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0
-        )[:, None]
+        self._normal = (self._weighted @ stencils).tocsr()
+        diagonal = self._normal.diagonal()
+        self._preconditioner = _ratio(np.ones_like(diagonal), diagonal)[:, None]
+        # Greatest row sum, which no eigenvalue of the preconditioned equations passes [Gershgorin].
+        sums = self._normal @ np.ones(len(diagonal))
+        self._stiffness = float((self._preconditioner[:, 0] * sums).max(initial=0.0)) or 1.0
 
     def solve(
-        self, values: NDArray[np.floating], start: NDArray[np.float64] | None = None
+        self,
+        values: NDArray[np.floating],
+        start: NDArray[np.float64] | None = None,
+        most: float = np.inf,
     ) -> NDArray[np.float64]:
-        """(m, K) float64 from (n, K), by conjugate gradients.
+        """(m, K) float64 in [0, most] from (n, K).
+
+        No light is negative: where free least squares asks for negative values on the cage, those
+        in the range whose limit comes nearest take their place.
 
         start : a first guess, such as the values of the stage before
         """
         wanted = self._weighted @ values.astype(np.float64)
-        found = np.zeros_like(wanted) if start is None else start.copy()
-        residual = wanted - self._weighted @ (self.stencils @ found)
+        found = self._unbounded(wanted, np.zeros_like(wanted) if start is None else start.copy())
+        outside = ((found < 0) | (found > most)).any(axis=0)
+        if outside.any():
+            found[:, outside] = self._bounded(wanted[:, outside], found[:, outside], most)
+        return found
+
+    def _unbounded(
+        self, wanted: NDArray[np.float64], found: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """By conjugate gradients."""
+        residual = wanted - self._normal @ found
         enough = FIT_ACCURACY * np.linalg.norm(self._preconditioner * wanted, axis=0)
         direction = step = self._preconditioner * residual
         size = (residual * step).sum(axis=0)
         for _ in range(MAX_FIT_STEPS):
             if (np.linalg.norm(self._preconditioner * residual, axis=0) <= enough).all():
                 break
-            image = self._weighted @ (self.stencils @ direction)
+            image = self._normal @ direction
             length = _ratio(size, (direction * image).sum(axis=0))
             found += length * direction
             residual -= length * image
             step = self._preconditioner * residual
             size, before = (residual * step).sum(axis=0), size
             direction = step + _ratio(size, before) * direction
+        return found
+
+    def _bounded(
+        self, wanted: NDArray[np.float64], start: NDArray[np.float64], most: float
+    ) -> NDArray[np.float64]:
+        """By accelerated projected gradients [Beck and Teboulle 2009]."""
+        found = ahead = np.clip(start, 0.0, most)
+        pace = 1.0
+        for _ in range(MAX_FIT_STEPS):
+            gradient = self._preconditioner * (self._normal @ ahead - wanted)
+            found, before = np.clip(ahead - gradient / self._stiffness, 0.0, most), found
+            moved = np.linalg.norm(found - before, axis=0)
+            if (moved <= BOUNDED_ACCURACY * np.linalg.norm(found, axis=0)).all():
+                break
+            pace, last = (1 + np.sqrt(1 + 4 * pace**2)) / 2, pace
+            ahead = found + (last - 1) / pace * (found - before)
         return found
 
 
@@ -127,24 +163,40 @@ class CageOutput:
         self, illuminance: VertexIlluminance
     ) -> Iterator[tuple[OutputField, PrimvarLayout, NDArray[np.float32] | None]]:
         """Field, layout and values of each primvar; no values where this mesh hasn't the field."""
-        gathered = {
-            split: layout.places.gather(illuminance) for split, layout in self._layouts.items()
-        }
+        crease, coloured = self._layouts["crease"], self._layouts["reflectance"]
+        values = crease.places.gather(illuminance)
+        fitted = self._fitted(crease, values)
+        self.fit_error = self._fit_error(crease, values.total, fitted.total)
         for field in OUTPUT_FIELDS:
-            layout = self._layouts[field.split]
-            values = field.values(gathered[field.split])
-            if values is None:
-                yield field, layout.written, None
-                continue
-            columns = values if values.ndim == 2 else values[:, None]
-            fitted = layout.fit.solve(columns, self._before.get(field.name))
-            self._before[field.name] = fitted
-            # No light is negative, and no display shows more than white.
-            most = 1.0 if field.name == "displayColor" else np.inf
-            fitted = np.clip(fitted, 0.0, most)
-            if field.name == OUTPUT_FIELDS[0].name:
-                self.fit_error = self._fit_error(layout, columns, fitted)
-            yield field, layout.written, fitted.astype(np.float32).reshape(-1, *values.shape[1:])
+            if field.split == "crease":
+                yield field, crease.written, field.values(fitted)
+            else:
+                colours = field.values(coloured.places.gather(illuminance))
+                assert colours is not None
+                yield field, coloured.written, self._solve(coloured, field.name, colours, 1.0)
+
+    def _fitted(self, layout: _CageLayout, values: PrimvarValues) -> PrimvarValues:
+        """The cage's illuminances; the total is the sum of its parts there too."""
+        parts = [values.direct, values.indirect, values.relative_deviation[:, None]]
+        if values.back is not None:
+            parts.append(values.back)
+        direct, indirect, deviation, *back = np.split(
+            self._solve(layout, "illuminance", np.hstack(parts)), [3, 6, 7], axis=1
+        )
+        return replace(
+            values,
+            direct=direct,
+            indirect=indirect,
+            relative_deviation=deviation[:, 0],
+            back=back[0] if values.back is not None else None,
+        )
+
+    def _solve(
+        self, layout: _CageLayout, name: str, values: NDArray[np.float32], most: float = np.inf
+    ) -> NDArray[np.float32]:
+        fitted = layout.fit.solve(values, self._before.get(name), most)
+        self._before[name] = fitted
+        return fitted.astype(np.float32)
 
     def finding(self) -> Finding | None:
         """Says so where the cage does not give the solver's illuminance again."""
@@ -160,7 +212,7 @@ class CageOutput:
         self,
         layout: _CageLayout,
         values: NDArray[np.float32],
-        fitted: NDArray[np.float64],
+        fitted: NDArray[np.float32],
     ) -> float:
         areas = self._areas[layout.places.front]
         wanted = values @ LUMINANCE_WEIGHTS

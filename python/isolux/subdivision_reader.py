@@ -193,20 +193,29 @@ def _creases(mesh: UsdGeom.Mesh, topology: MeshTopology, context: ReadingContext
     if len(lengths) == 0 and len(points) == 0 and len(sharpness) == 0:
         return none
     fault = ""
-    if (lengths < 2).any() or lengths.sum() != len(points):
-        fault = f"creaseLengths of {lengths.sum()} points in all, {len(points)} creaseIndices"
-    elif len(sharpness) not in (len(lengths), (lengths - 1).sum()):
+    if (lengths < 0).any():
+        fault = f"a crease of {lengths.min()} points"
+    elif len(sharpness) not in (len(lengths), np.maximum(lengths - 1, 0).sum()):
         fault = f"{len(sharpness)} sharpnesses for {len(lengths)} creases"
     elif not np.isfinite(sharpness).all():
         fault = "a sharpness that is not finite"
     if fault:
         context.note(prim, "creaseIndices", "repaired", f"{fault}: no creases")
         return none
-    starts = np.ones(len(points), bool)
-    starts[np.cumsum(lengths)[:-1]] = False  # no edge from one chain to the next
-    edges = np.column_stack([points[:-1], points[1:]])[starts[1:]]
+    if lengths.sum() != len(points):
+        reason = f"{len(points)} points for creases of {lengths.sum()}: those that are there"
+        context.note(prim, "creaseIndices", "repaired", reason)
+    ends = np.minimum(np.cumsum(lengths), len(points))
+    starts = np.concatenate([np.zeros(1, np.int64), ends[:-1]])
+    edge_counts = np.maximum(ends - starts - 1, 0)
+    crease = np.repeat(np.arange(len(lengths)), edge_counts)
+    place = np.arange(len(crease)) - np.repeat(np.cumsum(edge_counts) - edge_counts, edge_counts)
+    edges = np.column_stack([points[starts[crease] + place + i] for i in (0, 1)])
     if len(sharpness) == len(lengths):
-        sharpness = np.repeat(sharpness, lengths - 1)
+        sharpness = sharpness[crease]
+    else:
+        authored = np.maximum(lengths - 1, 0)
+        sharpness = sharpness[(np.cumsum(authored) - authored)[crease] + place]
     known = np.isin(_edge_keys(edges, topology.point_count), _mesh_edges(topology))
     known &= ((edges >= 0) & (edges < topology.point_count)).all(axis=1)
     if not known.all():

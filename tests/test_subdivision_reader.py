@@ -201,3 +201,14 @@ def test_unknown_rules_are_those_of_usd():
     mesh, found = read(CUBE_POINTS, CUBE_FACES, extra)
     assert (mesh.cage.boundary, mesh.cage.face_varying) == ("edgeAndCorner", "cornersPlus1")
     assert len(found) == 2
+
+
+def test_an_unknown_scheme_stays_a_cage_and_says_so():
+    mesh, found = read(CUBE_POINTS, CUBE_FACES, scheme="doo-sabin")
+    assert mesh.cage is None
+    assert found == {("subdivisionScheme", "approximated")}
+
+
+def test_a_cage_without_extent_is_read():
+    mesh, _ = read(np.full((8, 3), 1 / 3), CUBE_FACES)
+    np.testing.assert_allclose(mesh.points, 1 / 3)

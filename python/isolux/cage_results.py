@@ -146,7 +146,7 @@ class CageOutput:
     ) -> None:
         assert mesh.cage is not None
         self.path = mesh.path
-        self.fit_error = 0.0
+        self.fit_error = self._noise = 0.0
         self._areas = areas
         corners = MeshCorners.of_authored(mesh, layout)
         kinds = face_kinds(mesh.reflectance)
@@ -166,7 +166,7 @@ class CageOutput:
         crease, coloured = self._layouts["crease"], self._layouts["reflectance"]
         values = crease.places.gather(illuminance)
         fitted = self._fitted(crease, values)
-        self.fit_error = self._fit_error(crease, values.total, fitted.total)
+        self._tell_fit(crease, values, fitted)
         for field in OUTPUT_FIELDS:
             if field.split == "crease":
                 yield field, crease.written, field.values(fitted)
@@ -199,8 +199,8 @@ class CageOutput:
         return fitted.astype(np.float32)
 
     def finding(self) -> Finding | None:
-        """Says so where the cage does not give the solver's illuminance again."""
-        if self.fit_error <= TOLD_FIT_ERROR:
+        """Says so where the cage does not give the solver's values again, but for their noise."""
+        if self.fit_error <= np.hypot(TOLD_FIT_ERROR, self._noise):
             return None
         reason = (
             f"the limit of its values on the control cage is {100 * self.fit_error:.2g} % RMS off "
@@ -208,17 +208,16 @@ class CageOutput:
         )
         return Finding(self.path, f"primvars:{OUTPUT_FIELDS[0].name}", "approximated", reason)
 
-    def _fit_error(
-        self,
-        layout: _CageLayout,
-        values: NDArray[np.float32],
-        fitted: NDArray[np.float32],
-    ) -> float:
+    def _tell_fit(self, layout: _CageLayout, values: PrimvarValues, fitted: PrimvarValues) -> None:
+        """How far off the solver's values are, and how much of that may be their own noise."""
         areas = self._areas[layout.places.front]
-        wanted = values @ LUMINANCE_WEIGHTS
-        difference = layout.fit.stencils @ (fitted @ LUMINANCE_WEIGHTS) - wanted
+        wanted = values.total @ LUMINANCE_WEIGHTS
+        off = layout.fit.stencils @ (fitted.total @ LUMINANCE_WEIGHTS) - wanted
         total = float(areas @ wanted)
-        return float(np.sqrt(areas.sum() * (areas @ difference**2))) / total if total > 0 else 0.0
+        self.fit_error, self._noise = (
+            float(np.sqrt(areas.sum() * (areas @ part**2))) / total if total > 0 else 0.0
+            for part in (off, values.relative_deviation * wanted)
+        )
 
     def _layout(
         self,

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Container, Iterator, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,10 +39,11 @@ from .output_fields import (
 )
 from .refined_cage import RefinedCageTopology
 from .refined_results import write_refined_mesh
-from .refined_topology import RefinedTopology, refined_topologies
+from .refined_topology import RefinedTopology, refined_topologies, unsplit_mesh
 from .results_meshes import local_shape, stage_of_mesh, write_as_mesh
 from .scene_description import Finding, MeshDescription, SceneDescription
 from .schedule import steps_record
+from .settings import OutputMode
 from .solution import MeshLayout, ProgressiveStage, RefinedMesh, Solution
 
 # Stage metadata that a stage takes from its root layer alone.
@@ -97,6 +98,8 @@ class ResultsWriter:
     provenance : what is needed to replay the run: version, settings, seed, threads; text, numbers,
         lists of one type, or such a dict again (None is left out)
     display : the view that displayColor is made for
+    output_mode : refined: subdivision surfaces are written as polygons of their limit surface from
+        the first stage on, whether or not a solution comes with an adaptive mesh
     raises : SceneError where the output is a layer of the source, no USD file or not writable
     """
 
@@ -107,6 +110,7 @@ class ResultsWriter:
         scene: SceneDescription,
         provenance: Mapping[str, Any],
         display: DisplayView | None = None,
+        output_mode: OutputMode = "vertex",
     ) -> None:
         self._display = display or DisplayView()
         stage = source if isinstance(source, Usd.Stage) else Usd.Stage.Open(str(source))
@@ -141,6 +145,7 @@ class ResultsWriter:
         self._source_has_range = stage.HasAuthoredTimeCodeRange()
         self._report_prim = self._define_report_prim(stage)
         self._double_sided = any(mesh.double_sided for mesh in scene.meshes)
+        self._as_polygons = output_mode == "refined"
         self._cages = {mesh.path for mesh in scene.meshes if mesh.cage is not None}
 
     @property
@@ -159,10 +164,15 @@ class ResultsWriter:
 
         raises : SceneError naming the file that can't be written; the earlier stages stay readable
         """
+        if self._as_polygons and self._cages and solution.refined is self._refined is None:
+            unsplit = unsplit_mesh(self._scene.meshes, solution.layouts)
+            solution = replace(solution, refined=unsplit)
         if not self._meshes:
             for mesh in self._scene.meshes:
                 layout = solution.layout(mesh.path)
                 if mesh.cage is not None:
+                    if self._as_polygons:
+                        continue  # comes with the refined mesh
                     self._meshes[mesh.path] = CageOutput(mesh, layout, solution.vertex_areas)
                     continue
                 corners = MeshCorners.of_authored(mesh, layout)

@@ -80,7 +80,8 @@ def solve_stage(
     require_light_and_surface(scene, str(source))
 
     provenance = _provenance(settings)
-    writer = ResultsWriter(stage, output, scene, provenance, DisplayView.of(settings))
+    display = DisplayView.of(settings)
+    writer = ResultsWriter(stage, output, scene, provenance, display, settings.output_mode)
     solver = ProgressiveSolver(scene, settings)
     with stop_on_signal() as stop:
         stages, write_seconds = _solve_and_write(solver, writer, output, stop, messages, steps)

@@ -22,8 +22,11 @@ from .subdivision import RefinedSurface, SubdivisionCage
 CHORD_TOLERANCE = 0.002
 # Each level quarters the distance of the faces from the limit surface.
 LEVEL_GAIN = 4.0
-# Refined faces of one mesh, some 2 GB with all that the solver keeps of them.
-MAX_REFINED_FACES = 1 << 22
+# Refined faces of one mesh: 400 bytes each while it is read, 1 kB while its results are written.
+# Finer cages are taken as fine enough.
+MAX_REFINED_FACES = 1 << 20
+# From this sharpness on an edge or point stays as it is at every level [OpenSubdiv, Sdc].
+INFINITE_SHARPNESS = 10.0
 # Terms that the faces or points of one cage may share among each other: a fan of n faces around one
 # point takes n².
 MAX_SHARED_TERMS = 1 << 26
@@ -89,28 +92,35 @@ def _refined(
     cage: SubdivisionCage, points: NDArray[np.float64], prim: Usd.Prim, context: ReadingContext
 ) -> RefinedSurface:
     """The surface at the lowest level that is fine enough."""
-    once = replace(cage, level=1).refine()
-    used = points[cage.topology.indices]
-    tolerance = CHORD_TOLERANCE * float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
-    error = once.chord_error(points)
-    wanted = 0
-    while error > tolerance and wanted < context.settings.surface_level:
-        wanted += 1
-        error /= LEVEL_GAIN
+    allowed = context.settings.surface_level
+    once = None
+    wanted = 1
+    if _face_count(cage, 1) <= MAX_REFINED_FACES:
+        once = replace(cage, level=1).refine()
+        used = points[cage.topology.indices]
+        tolerance = CHORD_TOLERANCE * float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
+        error, wanted = once.chord_error(points), 0
+        while error > tolerance and wanted < allowed:
+            error /= LEVEL_GAIN
+            wanted += 1
+    sharpest = _sharpest(cage)
+    wanted = min(max(wanted, int(np.ceil(sharpest))), allowed)
     level = wanted
     while level > 0 and _face_count(cage, level) > MAX_REFINED_FACES:
         level -= 1
     if level < wanted:
         reason = f"level {level} of {wanted}: more than {MAX_REFINED_FACES:,} faces otherwise"
         context.note(prim, "subdivisionScheme", "approximated", reason)
-    sharpest = np.max(cage.edge_sharpness, initial=0, where=cage.edge_sharpness < 10)
-    sharpest = max(
-        sharpest, np.max(cage.point_sharpness, initial=0, where=cage.point_sharpness < 10)
-    )
     if sharpest > level:
         reason = f"sharpness {sharpest:.3g} taken as infinite from level {level} on"
         context.note(prim, "creaseSharpnesses", "approximated", reason)
-    return once if level == 1 else replace(cage, level=level).refine()
+    return once if once and level == 1 else replace(cage, level=level).refine()
+
+
+def _sharpest(cage: SubdivisionCage) -> float:
+    """Greatest finite sharpness: so many levels are rounded off less than those after them."""
+    sharpness = np.append(cage.edge_sharpness, cage.point_sharpness)
+    return float(sharpness[sharpness < INFINITE_SHARPNESS].max(initial=0.0))
 
 
 def _face_count(cage: SubdivisionCage, level: int) -> int:
@@ -124,8 +134,6 @@ def _too_many(cage: SubdivisionCage) -> str:
     """Why a cage can't be refined for its size; empty where it can."""
     if len(cage.faces) == 0:
         return "no face has three corners"
-    if _face_count(cage, 1) > MAX_REFINED_FACES:
-        return f"more than {MAX_REFINED_FACES:,} faces at its first level"
     counts = cage.topology.counts.astype(np.int64)
     valences = np.bincount(cage.topology.indices).astype(np.int64)
     if (counts**2).sum() + (valences**2).sum() > MAX_SHARED_TERMS:

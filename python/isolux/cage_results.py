@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 FIT_ACCURACY = 1e-5
 MAX_FIT_STEPS = 200
 # Relative step at which the bounded iteration stops.
-BOUNDED_ACCURACY = 1e-4
+BOUNDED_ACCURACY = 3e-4
 # Relative RMS difference from which on it is told.
 TOLD_FIT_ERROR = 0.01
 
@@ -73,12 +73,14 @@ class CageFit:
 
         start : a first guess, such as the values of the stage before
         """
-        wanted = self._weighted @ values.astype(np.float64)
-        found = self._unbounded(wanted, np.zeros_like(wanted) if start is None else start.copy())
+        first, same = _distinct_columns(values)
+        wanted = self._weighted @ values[:, first].astype(np.float64)
+        found = np.zeros_like(wanted) if start is None else start[:, first]
+        found = self._unbounded(wanted, found)
         outside = ((found < 0) | (found > most)).any(axis=0)
         if outside.any():
             found[:, outside] = self._bounded(wanted[:, outside], found[:, outside], most)
-        return found
+        return found[:, same]
 
     def _unbounded(
         self, wanted: NDArray[np.float64], found: NDArray[np.float64]
@@ -276,6 +278,19 @@ def cage_face_means(cage: SubdivisionCage, values: NDArray[np.float32]) -> NDArr
     sums = np.stack([np.bincount(parents, column, count) for column in values.T], axis=1)
     parts = np.maximum(np.bincount(parents, minlength=count), 1)
     return (sums / parts[:, None]).astype(np.float32)
+
+
+def _distinct_columns(values: NDArray[np.floating]) -> tuple[list[int], list[int]]:
+    """Columns that differ, and for each its place among them: grey light has one of three."""
+    rows = np.ascontiguousarray(values.T)
+    first: list[int] = []
+    same: list[int] = []
+    for column, row in enumerate(rows):
+        alike = (i for i, other in enumerate(first) if np.array_equal(row, rows[other]))
+        same.append(next(alike, len(first)))
+        if same[-1] == len(first):
+            first.append(column)
+    return first, same
 
 
 def _ratio(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,9 +13,12 @@ import numpy as np
 import PyOpenColorIO
 from numpy.typing import NDArray
 
+CLIPPED = "colours outside of Rec. 709 are clipped to it"
 WORKING_SPACE = "lin_rec709_scene"
 _LINEAR = ("", WORKING_SPACE, "lin_rec709", "lin_srgb", "auto")
 _SRGB = ("srgb", "srgb_texture", "srgb_rec709_scene")
+# What a matrix there and back may be off by.
+_ROUNDING = 1e-3
 # Numbers that are no colours [UsdColorSpaceAPI: data, raw, identity, unknown].
 _NO_COLOUR = ("raw", "data", "identity", "unknown", "none")
 
@@ -24,23 +27,28 @@ class UnknownColourSpaceError(ValueError):
     """A name that no configuration knows."""
 
 
-def to_linear_rec709(values: NDArray[np.floating], space: str) -> NDArray[np.floating]:
+def to_linear_rec709(values: NDArray[np.floating], space: str) -> tuple[NDArray[np.floating], bool]:
     """Colours of the space that `space` names, as linear Rec. 709.
 
     values : (..., 3), in [0, 1] where `space` is encoded for displays
-    returns : the same shape; negative or above 1 where a colour lies outside of Rec. 709
+    returns : the same shape, and whether some were colours outside of Rec. 709: those are
+        clipped to it
     Raises UnknownColourSpaceError.
     """
     name = space.lower()
     if name in _LINEAR or name in _NO_COLOUR:
-        return values
+        return values, False
     if name in _SRGB:
-        return srgb_to_linear(values)
-    colours = np.ascontiguousarray(values, np.float32)
-    if colours is values:
-        colours = colours.copy()
-    _processor(space, os.environ.get("OCIO", "")).applyRGB(colours.reshape(-1, 3))
-    return colours
+        return srgb_to_linear(values), False
+    processor = _processor(space, os.environ.get("OCIO", ""))
+    if isinstance(processor, str):
+        raise UnknownColourSpaceError(processor)
+    colours = np.array(values, np.float32, order="C")
+    processor.applyRGB(colours.reshape(-1, 3))
+    # Light may be brighter than 1, a reflectance of the gamut's edge may not become so.
+    highest = np.where(values.max(axis=-1, keepdims=True) <= 1, np.float32(1), np.float32(np.inf))
+    clipped = np.clip(colours, 0, highest)
+    return clipped, bool((np.abs(clipped - colours) > _ROUNDING).any())
 
 
 def is_colour_space(space: str) -> bool:
@@ -50,11 +58,6 @@ def is_colour_space(space: str) -> bool:
     except UnknownColourSpaceError:
         return False
     return True
-
-
-def is_srgb(space: str) -> bool:
-    """Whether the name is one of sRGB's, the usual encoding of 8-bit pictures."""
-    return space.lower() in _SRGB
 
 
 def srgb_to_linear(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -67,9 +70,10 @@ def srgb_to_linear(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 @cache
-def _processor(space: str, chosen: str) -> PyOpenColorIO.CPUProcessor:
-    builtin = PyOpenColorIO.Config.CreateFromFile("ocio://default")
+def _processor(space: str, chosen: str) -> PyOpenColorIO.CPUProcessor | str:
+    """What converts from a space, or why there is none."""
     try:
+        builtin = PyOpenColorIO.Config.CreateFromFile("ocio://default")
         config = PyOpenColorIO.Config.CreateFromFile(chosen) if chosen else builtin
         if config.getColorSpace(space):
             processor = PyOpenColorIO.Config.GetProcessorFromConfigs(
@@ -79,4 +83,4 @@ def _processor(space: str, chosen: str) -> PyOpenColorIO.CPUProcessor:
             processor = builtin.getProcessor(space, WORKING_SPACE)
         return processor.getDefaultCPUProcessor()
     except (PyOpenColorIO.Exception, PyOpenColorIO.ExceptionMissingFile) as error:
-        raise UnknownColourSpaceError(str(error)) from error
+        return str(error)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
-from .colour_space import UnknownColourSpaceError, to_linear_rec709
+from .attribute_colours import attribute_colours
 from .mesh_topology import MeshTopology
 from .reading_context import ReadingContext
 from .shader_values import (
@@ -25,6 +25,10 @@ from .texture_mean import TexelSums
 
 # Sums of texels kept for the next mesh.
 KEPT_BYTES = 1 << 29
+# Beyond it single precision no longer tells one texel from the next.
+MAX_COORDINATE = 1e6
+# Coordinates this far beyond a picture are no rounding, in pictures.
+OUTSIDE = 1e-3
 _WHOLE = np.array([[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]], float)
 
 
@@ -33,16 +37,14 @@ class TextureMeans:
 
     def __init__(self) -> None:
         self._kept: OrderedDict[tuple[int, int], tuple[Textured, TexelSums]] = OrderedDict()
-        self.missing_tiles: list[int] = []
 
     def over(self, texture: Textured, triangles: NDArray[np.float64]) -> NDArray[np.float64]:
         """(T, C) mean over each triangle; triangles: (T, 3, 2) finite texture coordinates."""
         if not texture.layout.is_udim:
             return self._sums(texture, 0).triangle_means(triangles)
         cells = np.floor(triangles.mean(axis=1))
-        numbers = np.where((cells[:, 0] >= 0) & (cells[:, 0] < 10), 1001 + cells @ (1, 10), 0)
+        numbers = udim_numbers(triangles)
         means = np.tile(texture.outside, (len(triangles), 1))
-        self.missing_tiles = sorted(set(numbers.astype(int)) - set(texture.tiles))
         for number in texture.tiles:
             inside = numbers == number
             if inside.any():
@@ -55,10 +57,18 @@ class TextureMeans:
         sums = [self._sums(texture, number) for number in texture.tiles]
         return np.mean([s.triangle_means(_WHOLE).mean(axis=0) for s in sums], axis=0)
 
+    def limits(self, texture: Textured) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(C,) the least and the greatest that a mean can be."""
+        limits = [self._sums(texture, number).limits for number in texture.tiles]
+        if texture.layout.is_udim:
+            limits.append((texture.outside, texture.outside))
+        low, high = zip(*limits, strict=True)
+        return np.min(low, axis=0), np.max(high, axis=0)
+
     def _sums(self, texture: Textured, number: int) -> TexelSums:
         key = (id(texture), number)
         if key not in self._kept:
-            sums = TexelSums(texture.tiles[number], texture.layout.wrap, texture.outside)
+            sums = TexelSums(texture.tiles[number](), texture.layout.wrap, texture.outside)
             self._kept[key] = (texture, sums)
             while (
                 len(self._kept) > 1 and sum(s.nbytes for _, s in self._kept.values()) > KEPT_BYTES
@@ -66,6 +76,13 @@ class TextureMeans:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
         return self._kept[key][1]
+
+
+def udim_numbers(triangles: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(T,) number of the tile in which each triangle lies; 0: none."""
+    cells = np.floor(triangles.mean(axis=1)).astype(np.int64)
+    is_tile = (cells >= 0).all(axis=1) & (cells[:, 0] < 10)
+    return np.where(is_tile, 1001 + cells @ (1, 10), 0)
 
 
 class FaceValues:
@@ -126,13 +143,8 @@ class FaceValues:
             wanted = self._topology.value_count(interpolation)
             self._repaired(name, f"{len(values)} {interpolation} values, {wanted} wanted: ignored")
             return None
-        if primvar.GetAttr().GetRoleName() == "Color" and values.shape[1] >= 3:
-            space = str(Usd.ColorSpaceAPI.ComputeColorSpaceName(primvar.GetAttr(), None))
-            try:
-                values = to_linear_rec709(values[:, :3], space)
-            except UnknownColourSpaceError:
-                reason = f"nothing knows its colour space {space}: taken as linear Rec. 709"
-                self._context.note(self._prim, name, "approximated", reason)
+        if values.shape[1] == 3:
+            values = attribute_colours(primvar.GetAttr(), values, self._context)
         return values, interpolation
 
     def _repaired(self, name: str, reason: str) -> None:
@@ -158,15 +170,28 @@ class FaceValues:
             kept = chosen[owners]
             triangles, weights, owners = triangles[kept], weights[kept], owners[kept]
         means = self._means.over(texture, corners[triangles])
-        if texture.layout.is_udim and self._means.missing_tiles:
-            tiles = ", ".join(str(number) for number in self._means.missing_tiles[:5])
-            self._note_once(f"no texture tile {tiles}: the fallback of the texture instead")
+        self._note_what_is_outside(texture, corners[triangles])
         total = np.zeros((len(self._topology.counts), means.shape[1]))
         for channel in range(means.shape[1]):
             total[:, channel] = np.bincount(
                 owners, means[:, channel] * weights, minlength=len(total)
             )
+        # Parts of a bent concave face may add up to more than there is.
+        np.clip(total, *self._means.limits(texture), out=total)
         return total if faces is None else total[faces]
+
+    def _note_what_is_outside(self, texture: Textured, triangles: NDArray[np.float64]) -> None:
+        if texture.layout.is_udim:
+            missing = sorted(set(udim_numbers(triangles).tolist()) - set(texture.tiles))
+            if missing:
+                tiles = ", ".join(str(number) for number in missing[:5])
+                self._note_once(f"no texture tile {tiles}: the fallback of the texture instead")
+        beyond = (triangles < -OUTSIDE).any(axis=(0, 1)) | (triangles > 1 + OUTSIDE).any(
+            axis=(0, 1)
+        )
+        if (beyond & (np.array(texture.layout.wrap) == "black")).any():
+            reason = "faces reach beyond a texture that is black there by its wrap mode"
+            self._note_once(reason, "noted")
 
     def _corners(self, coordinates: Coordinates) -> NDArray[np.float64] | None:
         """(1, 2) or (C, 2) texture coordinates of corners; None where the mesh has none."""
@@ -178,12 +203,12 @@ class FaceValues:
                 return None
             return coordinates.of(np.array([coordinates.fallback]))
         values = found[0][:, :2].astype(np.float64)
-        broken = ~np.isfinite(values).all(axis=1)
+        broken = ~(np.abs(values) <= MAX_COORDINATE).all(axis=1)
         if broken.any():
-            self._note_once(
-                f"{broken.sum()} values of {coordinates.primvar} are not finite: taken as 0",
-                "repaired",
+            reason = (
+                f"{broken.sum()} values of {coordinates.primvar} are no coordinates: taken as 0"
             )
+            self._note_once(reason, "repaired")
             values[broken] = 0
         if found[1] == "constant":
             return coordinates.of(values)

@@ -14,6 +14,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from .errors import SceneError
 from .face_values import FaceValues, TextureMeans
+from .material_binding import MaterialBinding
 from .mesh_topology import MeshTopology
 from .reading_context import ReadingContext, triple
 from .shader_network import ShaderNetwork
@@ -25,8 +26,6 @@ DEFAULT_REFLECTANCE = 0.18
 MAX_REFLECTANCE = 0.99
 # What single precision and 8-bit textures may add to an honest 1.
 REFLECTANCE_ROUNDING = 1e-4
-
-_PURPOSES = (UsdShade.Tokens.full, UsdShade.Tokens.preview)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +53,7 @@ class MaterialReader:
         self._reader = SurfaceReader(context, ShaderNetwork(context), instead)
         self._instead = instead
         self._means = TextureMeans()
+        self._binding = MaterialBinding()
 
     def surfaces(self, mesh: UsdGeom.Gprim, topology: MeshTopology) -> FaceSurfaces:
         """Reflectance, opacity and emission of a mesh's faces.
@@ -181,15 +181,13 @@ class MaterialReader:
 
     def _surface(self, prim: Usd.Prim) -> Surface | None:
         """The surface bound to a prim; None where there is none or it isn't understood."""
-        binding = UsdShade.MaterialBindingAPI(prim)
-        for purpose in _PURPOSES:
-            material, _ = binding.ComputeBoundMaterial(purpose)
-            if material:
-                path = material.GetPath()
-                if path not in self._surfaces:
-                    self._surfaces[path] = self._read(material)
-                return self._surfaces[path]
-        return None
+        material = self._binding.material(prim)
+        if material is None:
+            return None
+        path = material.GetPath()
+        if path not in self._surfaces:
+            self._surfaces[path] = self._read(material)
+        return self._surfaces[path]
 
     def _read(self, material: UsdShade.Material) -> Surface | None:
         outputs = [output.GetBaseName() for output in material.GetSurfaceOutputs()]

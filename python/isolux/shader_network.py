@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdShade
 
-from .colour_space import UnknownColourSpaceError, to_linear_rec709
+from .attribute_colours import attribute_colours
 from .reading_context import ReadingContext
 from .shader_values import (
     Constant,
@@ -25,13 +25,18 @@ from .shader_values import (
     Value,
     combine,
     constant,
+    size_of,
 )
 from .texture_reader import TextureReader
 
 # Nodes one behind the other; more come from no artist.
 MAX_DEPTH = 100
+# Values that go into one: nodes count as often as others use them.
+MAX_SIZE = 1000
 # What MaterialX takes for luminance where a node says nothing [stdlib: luminance, saturate].
 _LUMA = np.array([0.2722287, 0.6740818, 0.0536895])
+# Stands for coordinates that aren't there: no texture lies so far away.
+_NOT_GIVEN = (-1e30, -1e30)
 _CHANNELS = {"r": 0, "g": 1, "b": 2, "a": 3, "x": 0, "y": 1, "z": 2, "w": 3}
 
 
@@ -89,15 +94,11 @@ _ARITHMETIC: dict[str, tuple[dict[str, float], Function]] = {
 
 
 class ShaderNetwork:
-    """Evaluates inputs; each output of a node once.
-
-    unknown_spaces : names of colour spaces that nothing knows, with the attribute of each
-    """
+    """Evaluates inputs; each output of a node once."""
 
     def __init__(self, context: ReadingContext) -> None:
         self._context = context
         self._textures = TextureReader(context)
-        self._spaces = Usd.ColorSpaceHashCache()
         self._outputs: dict[Sdf.Path, Value | NetworkError] = {}
         self._open: set[Sdf.Path] = set()
 
@@ -116,7 +117,7 @@ class ShaderNetwork:
             raise NetworkError(f"a {source.GetTypeName()} is no colour and no number")
         value = value.astype(np.float64)
         if len(value) >= 3:
-            value[:3] = self.working_colours(source, value[None, :3])[0]
+            value[:3] = attribute_colours(source, value[None, :3], self._context)[0]
         return Constant(value)
 
     def plain(self, shader: UsdShade.Shader, name: str, default: Any) -> Any:
@@ -135,24 +136,6 @@ class ShaderNetwork:
         return source is not None and (
             UsdShade.Utils.GetType(source.GetName()) == UsdShade.AttributeType.Output
         )
-
-    def working_colours(
-        self, attribute: Usd.Attribute, colours: NDArray[np.floating]
-    ) -> NDArray[np.floating]:
-        """(n, 3) colours of an attribute in linear Rec. 709, by the colour space that it names."""
-        space = self.colour_space(attribute)
-        try:
-            return to_linear_rec709(colours, space)
-        except UnknownColourSpaceError:
-            reason = f"nothing knows its colour space {space}: taken as linear Rec. 709"
-            self._context.note(attribute.GetPrim(), attribute.GetName(), "approximated", reason)
-            return colours
-
-    def colour_space(self, attribute: Usd.Attribute) -> str:
-        """The name of an attribute's colour space, its prim's or an ancestor's; "" for none."""
-        if attribute.GetRoleName() not in ("Color", "") and not attribute.HasColorSpace():
-            return ""
-        return str(Usd.ColorSpaceAPI.ComputeColorSpaceName(attribute, self._spaces))
 
     def _source(self, shader: UsdShade.Shader, name: str) -> Usd.Attribute | None:
         """The attribute that gives an input its value: an input, or the output of a node."""
@@ -175,15 +158,18 @@ class ShaderNetwork:
         if path not in self._outputs:
             self._open.add(path)
             try:
-                self._outputs[path] = self._node(UsdShade.Shader(output.GetPrim()), output)
+                found = self._node(UsdShade.Shader(output.GetPrim()), output)
+                if size_of(found) > MAX_SIZE:
+                    raise NetworkError(f"more than {MAX_SIZE} values go into it")
+                self._outputs[path] = found
             except NetworkError as error:
                 self._outputs[path] = error
             finally:
                 self._open.discard(path)
-        found = self._outputs[path]
-        if isinstance(found, NetworkError):
-            raise found
-        return found
+        known = self._outputs[path]
+        if isinstance(known, NetworkError):
+            raise known
+        return known
 
     def _node(self, node: UsdShade.Shader, output: Usd.Attribute) -> Value:
         kind = str(node.GetShaderId() or "") if node else ""
@@ -208,8 +194,8 @@ class ShaderNetwork:
             parts = [f"in{i + 1}" for i in range(int(operation[-1]))]
             return combine(_joined, *(self.value(node, part, 0.0) for part in parts))
         if operation == "extract":
-            index = self.plain(node, "index", 0)
-            return _channel(self.value(node, "in", 0.0), int(index))
+            index = int(self._vector(node, "index", (0.0,))[0])
+            return _channel(self.value(node, "in", 0.0), max(index, 0))
         if operation.startswith("separate") and name[-1:] in _CHANNELS:
             return _channel(self.value(node, "in", 0.0), _CHANNELS[name[-1]])
         if operation not in _ARITHMETIC:
@@ -240,10 +226,12 @@ class ShaderNetwork:
     def _vector(
         self, node: UsdShade.Shader, name: str, default: tuple[float, ...]
     ) -> NDArray[np.float64]:
-        value = np.asarray(self.plain(node, name, default))
+        """(n,) numbers as authored; `default` where they are others or not finite."""
+        value = np.atleast_1d(np.asarray(self.plain(node, name, default)))
         if value.dtype.kind not in "biuf" or value.shape != np.shape(default):
             return np.asarray(default)
-        return value.astype(np.float64)
+        value = value.astype(np.float64)
+        return value if np.isfinite(value).all() else np.asarray(default)
 
     def _image(self, node: UsdShade.Shader, operation: str) -> Value:
         coordinates = self.coordinates(node, "texcoord", Coordinates("st"))
@@ -279,7 +267,7 @@ class ShaderNetwork:
         asset = self.plain(node, "file", None)
         source = self._source(node, "file")
         if source is not None and space in ("", "auto"):
-            space = self.colour_space(source) or space
+            space = source.GetColorSpace() or space
         return self._textures.texture(
             node.GetPrim(),
             asset if isinstance(asset, Sdf.AssetPath) else Sdf.AssetPath(),
@@ -299,10 +287,9 @@ class ShaderNetwork:
         if depth > MAX_DEPTH:
             raise NetworkError("its coordinates depend on too many nodes")
         if not self.is_computed(node, name):
-            held = self.plain(node, name, None)
-            if held is None or np.shape(held) != (2,):
+            s, t = self._vector(node, name, _NOT_GIVEN)
+            if s == _NOT_GIVEN[0]:
                 return default
-            s, t = (float(v) for v in held)
             return Coordinates(None, (0.0, 0.0, s, 0.0, 0.0, t))
         source = self._source(node, name)
         assert source is not None
@@ -315,21 +302,23 @@ class ShaderNetwork:
             return found or Coordinates(None, (0.0,) * 6)
 
         if operation == "UsdPrimvarReader":
-            fallback = self.plain(inner, "fallback", None)
-            given = (float(fallback[0]), float(fallback[1])) if np.shape(fallback) == (2,) else None
+            fallback = self._vector(inner, "fallback", _NOT_GIVEN)
+            given = (
+                None if fallback[0] == _NOT_GIVEN[0] else (float(fallback[0]), float(fallback[1]))
+            )
             return Coordinates(str(self.plain(inner, "varname", "")), fallback=given)
         if operation == "geompropvalue":
             return Coordinates(_primvar_of(str(self.plain(inner, "geomprop", "UV0"))))
         if operation == "texcoord":
-            index = int(self.plain(inner, "index", 0))
+            index = int(self._vector(inner, "index", (0.0,))[0])
             return Coordinates(f"st{index}" if index else "st")
         if operation == "UsdTransform2d":
-            turn = _rotation(float(self.plain(inner, "rotation", 0.0)))
+            turn = _rotation(self._vector(inner, "rotation", (0.0,))[0])
             scale = np.diag(self._vector(inner, "scale", (1.0, 1.0)))
             moved = self._vector(inner, "translation", (0.0, 0.0))
             return behind("in").then(turn @ scale, moved)
         if operation == "place2d":
-            turn = _rotation(-float(self.plain(inner, "rotate", 0.0)))
+            turn = _rotation(-self._vector(inner, "rotate", (0.0,))[0])
             pivot, offset = (self._vector(inner, n, (0.0, 0.0)) for n in ("pivot", "offset"))
             linear = turn @ np.diag(_divide(np.ones(2), self._vector(inner, "scale", (1.0, 1.0))))
             return behind("texcoord", Coordinates("st")).then(
@@ -338,7 +327,9 @@ class ShaderNetwork:
         if operation in ("multiply", "divide", "add", "subtract") and not self.is_computed(
             inner, "in2"
         ):
-            other = np.resize(np.asarray(self.plain(inner, "in2", 1.0), float), 2)
+            neutral = 1.0 if operation in ("multiply", "divide") else 0.0
+            number = self._vector(inner, "in2", (neutral,))  # vector2FA takes one for both
+            other = self._vector(inner, "in2", (number[0], number[0]))
             if operation in ("multiply", "divide"):
                 by = other if operation == "multiply" else _divide(np.ones(2), other)
                 return behind("in1").then(np.diag(by), np.zeros(2))

@@ -1,14 +1,15 @@
 """What shader inputs hold: constants, textures and primvars, and what is computed from them.
 
 A value's last axis is its channels: one for numbers, three for colours, four with alpha.
-Computing with constants and with textures laid out alike is done once, texel by texel; what
-differs by mesh waits for the mesh.
+Textures laid out alike are combined texel by texel, when a mesh asks for them; all else that
+isn't constant is combined by its means over the faces of a mesh.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -63,13 +64,15 @@ class TextureLayout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Textured:
-    """tiles : (H, W, C) float32 by UDIM number, or alone by 0
+    """tiles : loaders of (H, W, C) float32 texels, by UDIM number, or alone by 0
     outside : (C,), where no picture is
+    size : how many values went into it
     """
 
-    tiles: dict[int, NDArray[np.float32]]
+    tiles: Mapping[int, Callable[[], NDArray[np.float32]]]
     outside: NDArray[np.float64]
     layout: TextureLayout
+    size: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,10 +85,11 @@ class PrimvarValue:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Combined:
-    """A function of values that only a mesh brings together."""
+    """A function of values that only a mesh brings together; size as that of Textured."""
 
     function: Function
     operands: tuple[Value, ...]
+    size: int
 
 
 Value = Constant | Textured | PrimvarValue | Combined
@@ -100,34 +104,28 @@ def is_constant(value: Value, number: float) -> bool:
     return isinstance(value, Constant) and bool((value.value == number).all())
 
 
+def size_of(value: Value) -> int:
+    """How many values went into one."""
+    return value.size if isinstance(value, (Textured, Combined)) else 1
+
+
 def combine(function: Function, *operands: Value) -> Value:
     """The function of some values.
 
     function : of arrays (..., C), C made alike, with any leading axes; returns (..., C')
     """
-    textures = [value for value in operands if isinstance(value, Textured)]
-    rest = [value for value in operands if not isinstance(value, (Constant, Textured))]
     constants = [value.value for value in operands if isinstance(value, Constant)]
     if len(constants) == len(operands):
         return Constant(_evaluate(function, constants))
-    if rest or any(texture.layout != textures[0].layout for texture in textures):
-        return Combined(function, operands)
+    size = sum(size_of(value) for value in operands)
+    textures = [value for value in operands if isinstance(value, Textured)]
+    alike = [texture for texture in textures if texture.layout == textures[0].layout]
+    if len(constants) + len(alike) < len(operands):
+        return Combined(function, operands, size)
     numbers = sorted({number for texture in textures for number in texture.tiles})
-    tiles = {}
-    for number in numbers:
-        found = [texture.tiles[number].shape for texture in textures if number in texture.tiles]
-        height, width = max(shape[0] for shape in found), max(shape[1] for shape in found)
-        arrays = [
-            value.value if isinstance(value, Constant) else _resized(value, number, height, width)
-            for value in operands
-            if isinstance(value, (Constant, Textured))
-        ]
-        result = _evaluate(function, arrays)
-        tiles[number] = np.broadcast_to(result, (height, width, result.shape[-1])).astype(
-            np.float32
-        )
-    outside = [v.value if isinstance(v, Constant) else v.outside for v in operands]  # type: ignore[union-attr]
-    return Textured(tiles, _evaluate(function, outside), textures[0].layout)
+    tiles = {number: partial(_combined_texels, function, operands, number) for number in numbers}
+    at_none = [_texels_or_value(value, None) for value in operands]
+    return Textured(tiles, _evaluate(function, at_none), textures[0].layout, size)
 
 
 def evaluate(value: Combined, operands: list[NDArray[np.floating]]) -> NDArray[np.floating]:
@@ -135,19 +133,29 @@ def evaluate(value: Combined, operands: list[NDArray[np.floating]]) -> NDArray[n
     return _evaluate(value.function, operands)
 
 
+def _combined_texels(
+    function: Function, operands: tuple[Value, ...], number: int
+) -> NDArray[np.float32]:
+    arrays = [_texels_or_value(value, number) for value in operands]
+    height, width = np.max([a.shape[:2] for a in arrays if a.ndim == 3], axis=0)
+    for place, array in enumerate(arrays):
+        if array.ndim == 3 and array.shape[:2] != (height, width):  # beside a finer one
+            rows = np.arange(height) * array.shape[0] // height
+            columns = np.arange(width) * array.shape[1] // width
+            arrays[place] = array[rows[:, None], columns]
+    return _evaluate(function, arrays).astype(np.float32, copy=False)
+
+
+def _texels_or_value(value: Value, number: int | None) -> NDArray[Any]:
+    """(H, W, C) texels of a tile, or (C,) where there are none."""
+    if isinstance(value, Textured):
+        load = None if number is None else value.tiles.get(number)
+        return load() if load else value.outside
+    assert isinstance(value, Constant)
+    return value.value
+
+
 def _evaluate(function: Function, arrays: list[NDArray[Any]]) -> NDArray[Any]:
     channels = min((a.shape[-1] for a in arrays if a.shape[-1] > 1), default=1)
     with np.errstate(all="ignore"):  # what isn't finite is reported where it is used
         return function(*(a[..., :channels] for a in arrays))
-
-
-def _resized(value: Textured, number: int, height: int, width: int) -> NDArray[np.floating]:
-    """Texels of one tile as many times over as a finer texture beside it needs."""
-    texels = value.tiles.get(number)
-    if texels is None:
-        return value.outside
-    rows = np.arange(height) * texels.shape[0] // height
-    columns = np.arange(width) * texels.shape[1] // width
-    if texels.shape[:2] == (height, width):
-        return texels
-    return texels[rows[:, None], columns]

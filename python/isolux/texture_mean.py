@@ -38,6 +38,7 @@ class TexelSums:
     texels : (H, W, C), the first row is the top of the picture
     wrap : across and down: "repeat", "mirror", "clamp" or "black"
     outside : (C,), value beyond the picture where it is "black"
+    limits : (C,) the least and the greatest that a mean can be
     """
 
     def __init__(
@@ -47,6 +48,13 @@ class TexelSums:
         self._size = np.array([width, height])
         self._wrap = wrap
         self._outside = np.asarray(outside, np.float64)
+        flat = texels.reshape(-1, channels)
+        self.limits = flat.min(axis=0), flat.max(axis=0)
+        if "black" in wrap:
+            self.limits = (
+                np.minimum(self.limits[0], outside),
+                np.maximum(self.limits[1], outside),
+            )
         self._sums = np.zeros((height, width + 1, channels))
         np.subtract(texels, self._outside, out=self._sums[:, 1:])
         np.cumsum(self._sums, axis=1, out=self._sums)
@@ -78,7 +86,7 @@ class TexelSums:
         means[thin] = self._sampled(corners[thin])
         wide = np.flatnonzero(~thin)
         means[wide] = self._integrated(corners[wide], steps[wide]) / area[wide, None]
-        return means + self._outside
+        return np.clip(means + self._outside, *self.limits)
 
     def _sampled(self, corners: NDArray[np.float64]) -> NDArray[np.float64]:
         means = np.empty((len(corners), self._sums.shape[2]))

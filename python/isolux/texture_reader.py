@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdShade
 
-from .colour_space import UnknownColourSpaceError, is_colour_space
+from .colour_space import CLIPPED, UnknownColourSpaceError, is_colour_space
 from .errors import SceneError
 from .reading_context import ReadingContext
 from .shader_values import Textured, TextureLayout
 from .textures import Texture, read_texture
 
-# Textures kept beyond the material that they were read for.
-KEPT_BYTES = 1 << 28
+# Texels kept for the next material or mesh; what is beyond is read again.
+KEPT_BYTES = 1 << 29
 
 
 class TextureReader:
-    """Reads each file once in each colour space, as long as KEPT_BYTES allow."""
+    """Reads each file once in each colour space, as far as KEPT_BYTES reach."""
 
     def __init__(self, context: ReadingContext) -> None:
         self._context = context
@@ -56,6 +57,8 @@ class TextureReader:
             return None
         reason = "a face takes the mean of its part of the texture"
         self._context.note(prim, "UsdUVTexture", "approximated", reason)
+        if any(texture.is_clipped for texture in read.values()):
+            self._context.note(prim, "UsdUVTexture", "repaired", CLIPPED)
         metadata = next(iter(read.values())).wrap
         across, down = (
             mode if mode in ("repeat", "mirror", "clamp", "black") else found or "black"
@@ -63,12 +66,15 @@ class TextureReader:
         )
         wrap = ("clamp", "clamp") if is_udim else (across, down)
         outside = fallback if is_udim else np.array([0.0, 0.0, 0.0, 0.0])
-        tiles = {number: texture.texels for number, texture in read.items()}
+        tiles = {number: partial(self._texels, files[number], space) for number in read}
         return Textured(tiles, outside, TextureLayout(layout.coordinates, wrap, is_udim))
 
     def _skip(self, prim: Usd.Prim, name: str, found: str) -> None:
         reason = f"texture {name or 'without a file'}: {found}; its fallback instead"
         self._context.note(prim, "UsdUVTexture", "skipped", reason)
+
+    def _texels(self, asset: Sdf.AssetPath, space: str) -> NDArray[np.float32]:
+        return self._file(asset, space).texels
 
     def _file(self, asset: Sdf.AssetPath, space: str) -> Texture:
         key = (asset.resolvedPath, space)

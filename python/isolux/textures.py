@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 from pxr import Sdf
 
-from .colour_space import is_srgb, srgb_to_linear, to_linear_rec709
+from .colour_space import to_linear_rec709
 from .errors import SceneError
 from .reading_context import read_asset
 
@@ -32,11 +32,13 @@ _WRAP_MODES = ("black", "clamp", "repeat", "mirror")
 @dataclass(frozen=True, slots=True)
 class Texture:
     """texels: (H, W, 4) float32, linear Rec. 709 and alpha, the first row on top;
-    wrap: across and down, as the file's own metadata has it, "" where it has none.
+    wrap: across and down, as the file's own metadata has it, "" where it has none;
+    is_clipped: some colours lie outside of Rec. 709 and were clipped to it.
     """
 
     texels: NDArray[np.float32]
     wrap: tuple[str, str] = ("", "")
+    is_clipped: bool = False
 
 
 def read_texture(asset: Sdf.AssetPath, colour_space: str) -> Texture:
@@ -53,7 +55,8 @@ def read_texture(asset: Sdf.AssetPath, colour_space: str) -> Texture:
         raise SceneError(asset.path, "no such texture", "a file that the stage can reach")
     if contents[:4] == b"\x76\x2f\x31\x01":
         texels, wrap = _read_exr(contents, asset.path)
-        return Texture(_to_working_space(texels, colour_space), wrap)
+        texels, is_clipped = _to_working_space(texels, colour_space)
+        return Texture(texels, wrap, is_clipped)
     try:
         with warnings.catch_warnings():  # the limit is our own
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
@@ -70,7 +73,8 @@ def read_texture(asset: Sdf.AssetPath, colour_space: str) -> Texture:
         raise SceneError(asset.path, str(error), "an image") from error
     if colour_space == "auto":
         colour_space = "sRGB" if texels.shape[2] >= 3 and not is_wide else "raw"
-    return Texture(_to_working_space(texels / np.float32(levels), colour_space))
+    texels, is_clipped = _to_working_space(texels / np.float32(levels), colour_space)
+    return Texture(texels, is_clipped=is_clipped)
 
 
 def _require_size(size: tuple[int, int], name: str) -> None:
@@ -99,21 +103,26 @@ def _samples(picture: Image.Image, contents: bytes) -> tuple[NDArray, float, boo
     return np.asarray(picture.convert("RGBA" if has_alpha else "RGB")), 255.0, is_wide
 
 
-def _to_working_space(samples: NDArray[np.floating], space: str) -> NDArray[np.float32]:
-    """(H, W, 4) float32 texels, no more than MAX_SIDE across and down."""
+def _to_working_space(
+    samples: NDArray[np.floating], space: str
+) -> tuple[NDArray[np.float32], bool]:
+    """(H, W, 4) float32 texels, no more than MAX_SIDE across and down; whether some are clipped."""
     height, width, channels = samples.shape
     texels = np.ones((height, width, 4), np.float32)
     texels[..., :3] = samples[..., :3] if channels >= 3 else samples[..., :1]
     if channels in (2, 4):
         texels[..., 3] = samples[..., -1]
+    is_clipped = False
     for row in range(0, height, 256):  # in strips, for the sake of memory
         strip = texels[row : row + 256, :, :3]
-        strip[...] = srgb_to_linear(strip) if is_srgb(space) else to_linear_rec709(strip, space)
+        strip[...], clipped = to_linear_rec709(strip, space)
+        is_clipped |= clipped
     if max(height, width) <= MAX_SIDE:
-        return texels
+        return texels, is_clipped
     size = (min(width, MAX_SIDE), min(height, MAX_SIDE))
     bands = [Image.fromarray(np.ascontiguousarray(texels[..., band])) for band in range(4)]
-    return np.stack([np.asarray(b.resize(size, Image.Resampling.BOX)) for b in bands], axis=-1)
+    resized = [np.asarray(band.resize(size, Image.Resampling.BOX)) for band in bands]
+    return np.stack(resized, axis=-1), is_clipped
 
 
 def _read_exr(contents: bytes, name: str) -> tuple[NDArray[np.float32], tuple[str, str]]:

@@ -66,6 +66,24 @@ def reflectance_of(text: str):
             "UsdPreviewSurface",
             (0.8, 0.4, 0.2),
         ),
+        (  # a metal of the specular workflow: little diffuse colour, much specular
+            "color3f inputs:diffuseColor = (0, 0, 0)\nint inputs:useSpecularWorkflow = 1\n"
+            "color3f inputs:specularColor = (1, 0.52, 0.04)",
+            "UsdPreviewSurface",
+            (0.99, 0.5, 0.0),
+        ),
+        (  # a plain dielectric of either workflow is its diffuse colour
+            "color3f inputs:diffuseColor = (0.5, 0.5, 0.5)\nint inputs:useSpecularWorkflow = 1\n"
+            "color3f inputs:specularColor = (0.04, 0.04, 0.04)",
+            "UsdPreviewSurface",
+            (0.5, 0.5, 0.5),
+        ),
+        (  # never more than all of the light
+            "color3f inputs:diffuseColor = (0.8, 0.4, 0)\nint inputs:useSpecularWorkflow = 1\n"
+            "color3f inputs:specularColor = (0.52, 0.52, 0.52)",
+            "UsdPreviewSurface",
+            (0.99, 0.9, 0.5),
+        ),
         (
             "color3f inputs:base_color = (0.5, 0.6, 0.7)\nfloat inputs:base = 0.5",
             "ND_standard_surface_surfaceshader",

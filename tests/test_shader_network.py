@@ -105,7 +105,9 @@ def test_base_colour_of_materialx_surfaces(tmp_path, kind, surface, expected):
 
 
 QUARTERS = png(np.array([[51, 102], [153, 204]]))  # 0.2 0.4 on top, 0.6 0.8 below
-FILE = "asset inputs:file = @texture.png@\n"
+LEVELS = np.array([0.2, 0.4, 0.6, 0.8])
+SRGB_MEAN = (((LEVELS + 0.055) / 1.055) ** 2.4).mean()
+FILE = 'asset inputs:file = @texture.png@ ( colorSpace = "raw" )\n'
 
 
 @pytest.mark.parametrize(
@@ -123,12 +125,16 @@ FILE = "asset inputs:file = @texture.png@\n"
         ),
         ("image_color3", FILE + "float2 inputs:texcoord = (0.75, 0.25)", 0.8),
         ("image_color3", "asset inputs:file = @no.png@\n" + colour("default", A), (0.8, 0.4, 0.2)),
+        ("image_color3", FILE.replace("raw", "srgb_texture"), SRGB_MEAN),
+        ("image_color3", "asset inputs:file = @colour.png@", SRGB_MEAN),  # 8 bits, 3 channels
+        ("image_float", "asset inputs:file = @colour.png@", 0.5),
     ],
 )
 def test_images_of_materialx(tmp_path, kind, inputs, expected):
     out = "float outputs:out" if kind.endswith("float") else "color3f outputs:out"
     nodes = node(f"ND_{kind}", inputs, output=out)
-    reflectance = reflectance_of(tmp_path, nodes, texture=QUARTERS)
+    coloured = png(np.array([[51, 102], [153, 204]])[..., None].repeat(3, axis=2))
+    reflectance = reflectance_of(tmp_path, nodes, texture=QUARTERS, colour=coloured)
     np.testing.assert_allclose(reflectance, np.broadcast_to(expected, 3), rtol=1e-6)
 
 
@@ -167,7 +173,7 @@ def test_textures_are_multiplied_texel_by_texel(tmp_path):
             "color3f inputs:in2.connect = </Paint/Mask.outputs:out>",
         )
         + node("ND_image_color3", FILE, "Picture")
-        + node("ND_image_color3", "asset inputs:file = @mask.png@", "Mask")
+        + node("ND_image_color3", 'asset inputs:file = @mask.png@ ( colorSpace = "raw" )', "Mask")
     )
     mask = np.zeros((4, 4))  # finer than the picture
     mask[:2, :2] = 255
@@ -277,6 +283,30 @@ def test_surfaces_that_let_light_through(tmp_path, kind, surface, expected):
     else:
         np.testing.assert_allclose(scene.meshes[0].opacity, [expected], atol=1e-4)
     assert found(scene) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "surface", "opacity", "reflectance"),
+    [
+        # All passes, whatever the base colour is.
+        (STANDARD, "float inputs:transmission = 1", 0, 0),
+        (OPEN_PBR, "float inputs:transmission_weight = 1", 0, 0),
+        # Half passes; of the half that is stopped all meets the base colour.
+        (STANDARD, "float inputs:transmission = 0.5", 0.5, 0.8),
+        # Half of what enters is absorbed on its way.
+        (
+            STANDARD,
+            "float inputs:transmission = 0.5\n" + colour("transmission_color", "(0.5, 0.5, 0.5)"),
+            0.75,
+            0.8 * 0.5 / 0.75,
+        ),
+    ],
+)
+def test_light_passes_straight_through_panes(tmp_path, kind, surface, opacity, reflectance):
+    scene = read_at(tmp_path, quad() + material("", surface, kind))
+    np.testing.assert_allclose(scene.meshes[0].opacity, [opacity], atol=1e-6)
+    np.testing.assert_allclose(scene.meshes[0].reflectance[0], reflectance, rtol=1e-5)
+    assert [action for *_, action in found(scene)] == ["approximated"]
 
 
 @pytest.mark.parametrize(("authored", "expected"), [(0.4, 0.4), (1, None)])

@@ -161,7 +161,7 @@ def test_coordinates_of_every_interpolation(
 def test_a_mesh_without_coordinates_takes_the_mean_and_says_so(tmp_path):
     scene = read_at(tmp_path, quad(None) + material(texture()), texture=png(GREYS))
     np.testing.assert_allclose(scene.meshes[0].reflectance[0], GREYS.mean() / 255, rtol=1e-6)
-    assert found(scene) == [TEXTURE_READ, ("/Floor", "UsdUVTexture", "approximated")]
+    assert found(scene) == [TEXTURE_READ, ("/Floor", "texture", "approximated")]
     assert "no primvar st" in scene.findings[1].reason
 
 

@@ -60,6 +60,11 @@ def is_colour_space(space: str) -> bool:
     return True
 
 
+def is_by_channel(space: str) -> bool:
+    """Whether each channel is converted by itself, whatever the others are."""
+    return space.lower() in (*_LINEAR, *_NO_COLOUR, *_SRGB)
+
+
 def srgb_to_linear(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
     """IEC 61966-2-1."""
     return np.where(

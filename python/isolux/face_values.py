@@ -12,6 +12,7 @@ from pxr import Sdf, Usd, UsdGeom
 from .attribute_colours import attribute_colours
 from .mesh_topology import MeshTopology
 from .reading_context import ReadingContext
+from .scene_description import FindingAction
 from .shader_values import (
     Combined,
     Constant,
@@ -214,10 +215,10 @@ class FaceValues:
             return coordinates.of(values)
         return coordinates.of(self._topology.to_corners(values, found[1]))
 
-    def _note_once(self, reason: str, action: str = "approximated") -> None:
+    def _note_once(self, reason: str, action: FindingAction = "approximated") -> None:
         if reason not in self._noted:
             self._noted.add(reason)
-            self._context.note(self._prim, "UsdUVTexture", action, reason)  # type: ignore[arg-type]
+            self._context.note(self._prim, "texture", action, reason)
 
     @cached_property
     def _triangles(
@@ -248,8 +249,8 @@ class FaceValues:
     def _signed_areas(
         self, corners: NDArray[np.int64], owners: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        points = UsdGeom.PointBased(self._prim).GetPointsAttr().Get(self._context.time)
-        points = np.asarray([] if points is None else points, np.float64).reshape(-1, 3)
+        authored = self._context.value(self._prim, "points", ())
+        points = np.asarray(authored, np.float64).reshape(-1, 3)
         if len(points) != self._topology.point_count or not np.isfinite(points).all():
             return np.ones(len(owners))
         a, b, c = (points[self._topology.indices[corners[:, k]]] for k in range(3))

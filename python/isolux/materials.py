@@ -17,8 +17,9 @@ from .face_values import FaceValues, TextureMeans
 from .material_binding import MaterialBinding
 from .mesh_topology import MeshTopology
 from .reading_context import ReadingContext, triple
+from .scene_description import FindingAction
 from .shader_network import ShaderNetwork
-from .shader_values import PrimvarValue
+from .shader_values import Constant, PrimvarValue
 from .surface_models import SURFACE_MODELS, Surface, SurfaceReader
 
 DEFAULT_REFLECTANCE = 0.18
@@ -26,6 +27,7 @@ DEFAULT_REFLECTANCE = 0.18
 MAX_REFLECTANCE = 0.99
 # What single precision and 8-bit textures may add to an honest 1.
 REFLECTANCE_ROUNDING = 1e-4
+OPACITY_ROUNDING = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,9 +130,12 @@ class MaterialReader:
         if surface is None:
             return self._displayed(mesh, values, faces)
         stopped = values.of(surface.opacity, faces)
+        if not isinstance(surface.opacity, Constant) and ((stopped > 0) & (stopped < 1)).any():
+            reason = "a cut-out is taken as its mean over each face"
+            self._note_once(surface.path, "opacity", reason, "approximated")
         reflected = _three_channels(values.of(surface.reflected, faces))
         # What is cut out has no colour: the mean is that of the rest.
-        reflectance = reflected / np.where(stopped > 0, stopped, 1.0)
+        reflectance = reflected / np.where(stopped > OPACITY_ROUNDING, stopped, 1.0)
         return FaceSurfaces(
             self._checked(reflectance, surface.path),
             self._opacity(stopped, surface.path),
@@ -151,9 +156,10 @@ class MaterialReader:
     def _opacity(self, opacity: NDArray[np.floating], path: Sdf.Path) -> NDArray[np.float32] | None:
         found = opacity[:, 0]
         if not ((found >= 0) & (found <= 1)).all():
-            self._note_once(path, "opacity", "opacity outside of [0, 1] is clamped to it")
+            reason = "displayOpacity outside of [0, 1] is clamped to it"
+            self._note_once(path, "displayOpacity", reason)
             found = np.clip(np.nan_to_num(found), 0.0, 1.0)
-        return found.astype(np.float32) if (found < 1 - REFLECTANCE_ROUNDING).any() else None
+        return found.astype(np.float32) if (found < 1 - OPACITY_ROUNDING).any() else None
 
     def _emission(
         self, emission: NDArray[np.floating], path: Sdf.Path
@@ -163,10 +169,12 @@ class MaterialReader:
             emission = np.where(np.isfinite(emission), np.maximum(emission, 0), 0.0)
         return emission.astype(np.float32) if (emission > 0).any() else None
 
-    def _note_once(self, path: Sdf.Path, kind: str, reason: str) -> None:
+    def _note_once(
+        self, path: Sdf.Path, kind: str, reason: str, action: FindingAction = "repaired"
+    ) -> None:
         if (path, kind) not in self._noted:
             self._noted.add((path, kind))
-            self._context.note(path, kind, "repaired", reason)
+            self._context.note(path, kind, action, reason)
 
     def _checked(self, values: NDArray[np.floating], path: Sdf.Path) -> NDArray[np.float32]:
         """Reflectances in range; raises SceneError where they are none."""

@@ -250,8 +250,10 @@ class ShaderNetwork:
             wrap = ["periodic", "periodic"]
         across, down = (modes.get(mode, "repeat") for mode in wrap)
         layout = TextureLayout(coordinates, (across, down))
-        read = self._read(node, "", layout, np.asarray(outside, np.float64))
         kind = str(node.GetShaderId()).split("_")[2:]
+        # Renderers take pictures of colours without a named space as UsdUVTexture does.
+        space = "auto" if kind[:1] in (["color3"], ["color4"]) else "raw"
+        read = self._read(node, space, layout, np.asarray(outside, np.float64))
         found: Value = read if read else Constant(np.asarray(outside, np.float64))
         if kind[:1] == ["float"]:
             return _channel(found, 0)
@@ -266,13 +268,13 @@ class ShaderNetwork:
     ) -> Textured | None:
         asset = self.plain(node, "file", None)
         source = self._source(node, "file")
-        if source is not None and space in ("", "auto"):
+        if source is not None and space == "auto":
             space = source.GetColorSpace() or space
         return self._textures.texture(
             node.GetPrim(),
             asset if isinstance(asset, Sdf.AssetPath) else Sdf.AssetPath(),
             source,
-            space or "raw",
+            space,
             layout,
             fallback,
         )

@@ -6,7 +6,8 @@ colour, whose Fresnel reflection is that colour at normal incidence
 [UsdPreviewSurface: diffuseColor is the albedo in the metallic workflow]; so it is the base colour
 whatever the metalness. The 4 % that a plain dielectric reflects from its polish counts as part of
 the colour that was measured or painted. In the specular workflow, what specularColor reflects
-beyond that 4 % is added to the diffuse colour, up to 1.
+beyond that 4 % is added to the diffuse colour, up to 1. Light that a surface transmits passes
+straight through, as through a pane: its share lowers the opacity.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ class SurfaceModel:
     weight: str | None = None
     emission_weight: str | None = None
     subsurface: tuple[str, str] | None = None
+    transmission: tuple[str, str] | None = None
     ignored: tuple[str, ...] = ()
 
 
@@ -52,7 +54,8 @@ _STANDARD = SurfaceModel(
     weight="base",
     emission_weight="emission",
     subsurface=("subsurface", "subsurface_color"),
-    ignored=("transmission", "coat", "sheen"),
+    transmission=("transmission", "transmission_color"),
+    ignored=("coat", "sheen"),
 )
 SURFACE_MODELS = {
     "UsdPreviewSurface": _PREVIEW,
@@ -67,7 +70,8 @@ SURFACE_MODELS = {
         weight="base_weight",
         emission_weight="emission_luminance",
         subsurface=("subsurface_weight", "subsurface_color"),
-        ignored=("transmission_weight", "coat_weight", "fuzz_weight"),
+        transmission=("transmission_weight", "transmission_color"),
+        ignored=("coat_weight", "fuzz_weight"),
     ),
 }
 
@@ -100,6 +104,7 @@ class SurfaceReader:
         """None, with a finding, where the base colour can't be evaluated."""
         model = SURFACE_MODELS[shader.GetShaderId()]
         prim = shader.GetPrim()
+        self._context.note_animation(prim, [held.GetAttr() for held in shader.GetInputs()])
         try:
             base = self._network.value(shader, *model.colour)
         except NetworkError as error:
@@ -127,6 +132,10 @@ class SurfaceReader:
         if is_cut_out:
             emission = _product(opacity, emission)
         reflected = _product(opacity, base)
+        if model.transmission:
+            reflected, opacity = self._with_transmission(
+                shader, model.transmission, reflected, opacity
+            )
         if any(isinstance(value, Combined) for value in (reflected, emission, opacity)):
             reason = "textures laid out differently are combined by their means over each face"
             self._context.note(prim, "UsdUVTexture", "approximated", reason)
@@ -157,6 +166,22 @@ class SurfaceReader:
         below = self._value(shader, names[1], 1.0 if names[0] == "subsurface" else 0.8)
         return combine(lambda b, s, w: b + (s - b) * w, base, below, weight)
 
+    def _with_transmission(
+        self, shader: UsdShade.Shader, names: tuple[str, str], reflected: Value, opacity: Value
+    ) -> tuple[Value, Value]:
+        """Reflected and stopped share of the light, less what passes straight through."""
+        weight = self._value(shader, names[0], 0.0)
+        if is_constant(weight, 0.0):
+            return reflected, opacity
+        reason = "what it transmits passes straight through, its colour by its luminance"
+        self._context.note(shader.GetPrim(), names[0], "approximated", reason)
+        weight = combine(_share, weight)
+        passing = combine(_share, _product(weight, self._value(shader, names[1], 1.0)))
+        return (
+            combine(lambda r, w: r * (1 - w), reflected, weight),
+            combine(lambda o, p: o * (1 - p), opacity, passing),
+        )
+
     def _with_specular(self, shader: UsdShade.Shader, base: Value) -> Value:
         specular = self._value(shader, "specularColor", 0.0)
         if isinstance(specular, Constant) and (specular.value <= DIELECTRIC_REFLECTION).all():
@@ -175,21 +200,22 @@ class SurfaceReader:
             if not is_constant(threshold, 0.0):
                 is_cut_out = True
                 opacity = combine(_above_threshold, opacity, threshold)
-        if isinstance(opacity, Constant):
-            return combine(_luminance, opacity), is_cut_out
-        opacity = combine(lambda o: _luminance(np.clip(np.nan_to_num(o), 0.0, 1.0)), opacity)
-        reason = "a cut-out is taken as its mean over each face"
-        self._context.note(shader.GetPrim(), model.opacity, "approximated", reason)
-        return opacity, is_cut_out
+        if isinstance(opacity, Constant) and not (abs(opacity.value - 0.5) <= 0.5).all():
+            reason = "opacity outside of [0, 1] is clamped to it"
+            self._context.note(shader.GetPrim(), model.opacity, "repaired", reason)
+        return combine(_share, opacity), is_cut_out
 
 
 def _product(factor: Value, value: Value) -> Value:
     return value if is_constant(factor, 1.0) else combine(np.multiply, value, factor)
 
 
-def _luminance(colour: NDArray[np.floating]) -> NDArray[np.floating]:
-    """(..., 1) of (..., C): colour opacities by their luminance."""
-    return (colour[..., :3] @ LUMINANCE_WEIGHTS)[..., None] if colour.shape[-1] >= 3 else colour
+def _share(value: NDArray[np.floating]) -> NDArray[np.floating]:
+    """(..., 1) in [0, 1] of (..., C): of a colour, its luminance."""
+    grey = (
+        (value[..., :3] @ LUMINANCE_WEIGHTS)[..., None] if value.shape[-1] >= 3 else value[..., :1]
+    )
+    return np.clip(np.nan_to_num(grey), 0.0, 1.0)
 
 
 def _above_threshold(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 MAX_CROSSINGS = 1 << 14
 # Crossings worked on at a time: tens of megabytes.
 CHUNK_CROSSINGS = 1 << 19
+CHUNK_TRIANGLES = 1 << 16
 # A triangle thinner than this (area over outline, texels) is sampled: rounding would drown its sum.
 THIN = 1e-6
 # Places in a triangle without area, barycentric: the centres of its 16 equal parts.
@@ -69,6 +70,13 @@ class TexelSums:
         coordinates : (T, 3, 2) finite, (0, 0) is the lower left corner of the picture, (1, 1) the
             upper right one
         """
+        means = np.empty((len(coordinates), self._sums.shape[2]))
+        for first in range(0, len(coordinates), CHUNK_TRIANGLES):
+            chunk = slice(first, first + CHUNK_TRIANGLES)
+            means[chunk] = self._means(coordinates[chunk])
+        return np.clip(means + self._outside, *self.limits)
+
+    def _means(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
         width, height = self._size
         corners = np.stack(
             [coordinates[..., 0] * width, (1 - coordinates[..., 1]) * height], axis=-1
@@ -81,23 +89,27 @@ class TexelSums:
         steps = np.roll(corners, -1, axis=1) - corners
         area = 0.5 * (steps[:, 0, 0] * steps[:, 1, 1] - steps[:, 0, 1] * steps[:, 1, 0])
         outline = np.hypot(steps[..., 0], steps[..., 1]).sum(axis=1)
-        thin = np.abs(area) <= THIN * outline
         means = np.empty((len(corners), self._sums.shape[2]))
+        cells = np.floor(corners)
+        single = (cells == cells[:, :1]).all(axis=(1, 2))  # within one texel
+        means[single] = self._looked_up(corners[single, 0])
+        thin = ~single & (np.abs(area) <= THIN * outline)
         means[thin] = self._sampled(corners[thin])
-        wide = np.flatnonzero(~thin)
+        wide = np.flatnonzero(~single & ~thin)
         means[wide] = self._integrated(corners[wide], steps[wide]) / area[wide, None]
-        return np.clip(means + self._outside, *self.limits)
+        return means
 
     def _sampled(self, corners: NDArray[np.float64]) -> NDArray[np.float64]:
-        means = np.empty((len(corners), self._sums.shape[2]))
-        chunk = CHUNK_CROSSINGS // len(_SIXTEENTHS)
-        for first in range(0, len(corners), chunk):
-            points = np.einsum("sk,tkc->tsc", _SIXTEENTHS, corners[first : first + chunk])
-            column, inside_x = self._cell(points[..., 0], 0)
-            row, inside_y = self._cell(points[..., 1], 1)
-            found = self._sums[row, column + 1] - self._sums[row, column]
-            means[first : first + chunk] = (found * (inside_x & inside_y)[..., None]).mean(axis=1)
-        return means
+        points = np.einsum("sk,tkc->tsc", _SIXTEENTHS, corners)
+        found = self._looked_up(points.reshape(-1, 2))
+        return found.reshape(len(corners), len(_SIXTEENTHS), self._sums.shape[2]).mean(axis=1)
+
+    def _looked_up(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, C) texel at each point."""
+        column, inside_x = self._cell(points[:, 0], 0)
+        row, inside_y = self._cell(points[:, 1], 1)
+        found = self._sums[row, column + 1] - self._sums[row, column]
+        return found * (inside_x & inside_y)[:, None]
 
     def _integrated(
         self, corners: NDArray[np.float64], steps: NDArray[np.float64]

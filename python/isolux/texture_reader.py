@@ -56,9 +56,9 @@ class TextureReader:
                 self._skip(prim, asset.path, "no tiles")
             return None
         reason = "a face takes the mean of its part of the texture"
-        self._context.note(prim, "UsdUVTexture", "approximated", reason)
+        self._context.note(prim, _kind(prim), "approximated", reason)
         if any(texture.is_clipped for texture in read.values()):
-            self._context.note(prim, "UsdUVTexture", "repaired", CLIPPED)
+            self._context.note(prim, _kind(prim), "repaired", CLIPPED)
         metadata = next(iter(read.values())).wrap
         across, down = (
             mode if mode in ("repeat", "mirror", "clamp", "black") else found or "black"
@@ -71,7 +71,7 @@ class TextureReader:
 
     def _skip(self, prim: Usd.Prim, name: str, found: str) -> None:
         reason = f"texture {name or 'without a file'}: {found}; its fallback instead"
-        self._context.note(prim, "UsdUVTexture", "skipped", reason)
+        self._context.note(prim, _kind(prim), "skipped", reason)
 
     def _texels(self, asset: Sdf.AssetPath, space: str) -> NDArray[np.float32]:
         return self._file(asset, space).texels
@@ -97,3 +97,7 @@ def _tiles(asset: Sdf.AssetPath, source: Usd.Attribute | None) -> dict[int, Sdf.
         return {}
     found = UsdShade.UdimUtils.ResolveUdimTilePaths(asset.path, specs[0].layer)
     return {int(number): Sdf.AssetPath(path, path) for path, number in found}
+
+
+def _kind(prim: Usd.Prim) -> str:
+    return str(UsdShade.Shader(prim).GetShaderId())

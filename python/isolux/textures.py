@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+import math
 import tempfile
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -14,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 from pxr import Sdf
 
-from .colour_space import to_linear_rec709
+from .colour_space import is_by_channel, to_linear_rec709
 from .errors import SceneError
 from .reading_context import read_asset
 
@@ -22,6 +24,8 @@ from .reading_context import read_asset
 MAX_FILE_TEXELS = 1 << 27
 # Texels kept across and down, far more than a mesh has elements; beyond, means of neighbours.
 MAX_SIDE = 2048
+# Rows worked on at a time.
+STRIP = 128
 
 # Levels of each sample in Pillow's wider modes; the others have 255.
 _WIDE_MODES = {"I;16": 65535.0, "I;16L": 65535.0, "I;16B": 65535.0, "I": 65535.0, "F": 1.0}
@@ -55,7 +59,7 @@ def read_texture(asset: Sdf.AssetPath, colour_space: str) -> Texture:
         raise SceneError(asset.path, "no such texture", "a file that the stage can reach")
     if contents[:4] == b"\x76\x2f\x31\x01":
         texels, wrap = _read_exr(contents, asset.path)
-        texels, is_clipped = _to_working_space(texels, colour_space)
+        texels, is_clipped = _to_working_space(texels, 1.0, colour_space)
         return Texture(texels, wrap, is_clipped)
     try:
         with warnings.catch_warnings():  # the limit is our own
@@ -73,7 +77,7 @@ def read_texture(asset: Sdf.AssetPath, colour_space: str) -> Texture:
         raise SceneError(asset.path, str(error), "an image") from error
     if colour_space == "auto":
         colour_space = "sRGB" if texels.shape[2] >= 3 and not is_wide else "raw"
-    texels, is_clipped = _to_working_space(texels / np.float32(levels), colour_space)
+    texels, is_clipped = _to_working_space(texels, levels, colour_space)
     return Texture(texels, is_clipped=is_clipped)
 
 
@@ -104,25 +108,48 @@ def _samples(picture: Image.Image, contents: bytes) -> tuple[NDArray, float, boo
 
 
 def _to_working_space(
-    samples: NDArray[np.floating], space: str
+    samples: NDArray[Any], levels: float, space: str
 ) -> tuple[NDArray[np.float32], bool]:
-    """(H, W, 4) float32 texels, no more than MAX_SIDE across and down; whether some are clipped."""
-    height, width, channels = samples.shape
-    texels = np.ones((height, width, 4), np.float32)
-    texels[..., :3] = samples[..., :3] if channels >= 3 else samples[..., :1]
-    if channels in (2, 4):
-        texels[..., 3] = samples[..., -1]
+    """(H, W, 4) float32 texels, no more than MAX_SIDE across and down; whether some are clipped.
+
+    levels : the level that means 1
+    """
+    height, width, _ = samples.shape
+    size = min(height, MAX_SIDE), min(width, MAX_SIDE)
+    texels = np.empty((*size, 4), np.float32)
     is_clipped = False
-    for row in range(0, height, 256):  # in strips, for the sake of memory
-        strip = texels[row : row + 256, :, :3]
-        strip[...], clipped = to_linear_rec709(strip, space)
+    for row in range(0, size[0], STRIP):  # in strips, for the sake of memory
+        end = min(row + STRIP, size[0])
+        top, bottom = row * height / size[0], end * height / size[0]
+        first = math.floor(top)
+        strip, clipped = _linear(samples[first : math.ceil(bottom)], levels, space)
         is_clipped |= clipped
-    if max(height, width) <= MAX_SIDE:
-        return texels, is_clipped
-    size = (min(width, MAX_SIDE), min(height, MAX_SIDE))
-    bands = [Image.fromarray(np.ascontiguousarray(texels[..., band])) for band in range(4)]
-    resized = [np.asarray(band.resize(size, Image.Resampling.BOX)) for band in bands]
-    return np.stack(resized, axis=-1), is_clipped
+        if size != (height, width):
+            box = (0, top - first, width, bottom - first)
+            bands = [Image.fromarray(np.ascontiguousarray(strip[..., k])) for k in range(4)]
+            to = (size[1], end - row)
+            resized = [band.resize(to, Image.Resampling.BOX, box) for band in bands]
+            strip = np.stack([np.asarray(band) for band in resized], axis=-1)
+        texels[row:end] = strip
+    return texels, is_clipped
+
+
+def _linear(samples: NDArray[Any], levels: float, space: str) -> tuple[NDArray[np.float32], bool]:
+    """(H, W, 4) linear Rec. 709 and alpha of (H, W, 1 to 4) samples; whether some are clipped."""
+    channels = samples.shape[2]
+    texels = np.ones((*samples.shape[:2], 4), np.float32)
+    colours = samples[..., :3] if channels >= 3 else samples[..., :1]
+    is_clipped = False
+    if is_by_channel(space) and samples.dtype.kind == "u":  # by a table: there are few levels
+        ramp = np.arange(levels + 1)[:, None] / levels
+        table, _ = to_linear_rec709(ramp, space)
+        texels[..., :3] = table.astype(np.float32)[colours, 0]
+    else:
+        texels[..., :3] = colours / np.float32(levels)
+        texels[..., :3], is_clipped = to_linear_rec709(texels[..., :3], space)
+    if channels in (2, 4):
+        texels[..., 3] = samples[..., -1] / np.float32(levels)
+    return texels, is_clipped
 
 
 def _read_exr(contents: bytes, name: str) -> tuple[NDArray[np.float32], tuple[str, str]]:

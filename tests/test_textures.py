@@ -9,6 +9,7 @@ import pytest
 from pxr import Sdf, Usd
 
 from isolux.stage_reader import read_stage
+from isolux.textures import read_texture
 from textured_stage import FLAT, grid, material, mesh, png, quad, read_at, texture, values
 from usda_stage import found
 
@@ -248,7 +249,19 @@ def test_wrap_modes_by_the_metadata_of_the_file(tmp_path):
     assert reflectance_of(tmp_path, quad(above), texture())[0, 0] == 0
 
 
-@pytest.mark.parametrize("contents", [None, b"", b"no image", png(GREYS)[:45], b"\x76\x2f\x31\x01"])
+HUGE = png(GREYS)[:16] + struct.pack(">II", 100_000, 100_000) + png(GREYS)[24:]
+BROKEN = {
+    "missing": None,
+    "empty": b"",
+    "text": b"no image",
+    "cut off": png(GREYS)[:45],
+    "OpenEXR cut off": b"\x76\x2f\x31\x01",
+    "16 bits cut off": png16(np.arange(300).reshape(10, 10, 3))[:90],
+    "10 billion texels": HUGE[:29] + struct.pack(">I", zlib.crc32(HUGE[12:29])) + HUGE[33:],
+}
+
+
+@pytest.mark.parametrize("contents", BROKEN.values(), ids=BROKEN)
 def test_an_unreadable_texture_gives_its_fallback_and_says_so(tmp_path, contents):
     files = {} if contents is None else {"texture": contents}
     node = texture("float4 inputs:fallback = (0.1, 0.2, 0.3, 1)")
@@ -296,3 +309,63 @@ def test_a_textured_screen_shines_by_face(tmp_path):
     node = texture("float4 inputs:scale = (1000, 1000, 1000, 1)")
     scene = read_at(tmp_path, grid(2) + material(node, surface), texture=png(QUARTERS))
     np.testing.assert_allclose(scene.meshes[0].emission[:, 1], [600, 800, 200, 400], rtol=1e-6)
+
+
+def test_a_picture_without_alpha_cuts_nothing_out(tmp_path):
+    surface = "float inputs:opacity.connect = </Paint/Texture.outputs:a>"
+    scene = read_at(tmp_path, quad() + material(texture(), surface), texture=png(GREYS))
+    assert scene.meshes[0].opacity is None
+    assert found(scene) == [TEXTURE_READ]
+
+
+def test_a_part_of_a_mesh_takes_its_own_texels(tmp_path):
+    part = """
+    def GeomSubset "Half" ( prepend apiSchemas = ["MaterialBindingAPI"] ) {
+        uniform token elementType = "face"
+        uniform token familyName = "materialBind"
+        int[] indices = [1, 2]
+        rel material:binding = </Paint>
+    }"""
+    text = grid(2, part).replace("rel material:binding = </Paint>", "", 1)
+    scene = read_at(tmp_path, text + material(texture()), texture=png(QUARTERS))
+    np.testing.assert_allclose(scene.meshes[0].reflectance[:, 0], [0.18, 0.8, 0.2, 0.18], rtol=1e-6)
+
+
+@pytest.mark.parametrize("broken", ["nan", "inf", "-1e30"])
+def test_coordinates_that_are_none_count_as_zero_and_are_reported(tmp_path, broken):
+    text = quad([(0.25, 0.25)] * 4).replace("(0.25, 0.25)", f"({broken}, 0.25)")
+    scene = read_at(tmp_path, text + material(texture()), texture=png(QUARTERS))
+    np.testing.assert_allclose(scene.meshes[0].reflectance[0], 0.6, rtol=1e-6)
+    assert found(scene) == [TEXTURE_READ, ("/Floor", "texture", "repaired")]
+
+
+@pytest.mark.parametrize(("reach", "actions"), [(1.0, []), (1.5, ["noted"])])
+def test_faces_beyond_a_picture_that_does_not_say_how_to_wrap_are_reported(
+    tmp_path, reach, actions
+):
+    square = [(0, 0), (reach, 0), (reach, 1), (0, 1)]
+    scene = read_at(tmp_path, quad(square) + material(texture()), texture=png(QUARTERS))
+    assert [action for _, kind, action in found(scene) if kind == "texture"] == actions
+
+
+def test_a_large_texture_keeps_its_mean(tmp_path):
+    """More texels across than are kept, and not a multiple of them."""
+    texels = (np.arange(3 * 2999).reshape(3, 2999) * 37) % 251
+    reflectance = reflectance_of(tmp_path, quad(), texture(), texture=png(texels))
+    np.testing.assert_allclose(reflectance[0], texels.mean() / 255, rtol=1e-5)
+
+
+def test_each_picture_is_read_once(tmp_path, monkeypatch):
+    reads = []
+
+    def counted(asset, space):
+        reads.append(asset.path)
+        return read_texture(asset, space)
+
+    monkeypatch.setattr("isolux.texture_reader.read_texture", counted)
+    surface = f"""color3f inputs:{FLAT}
+        color3f inputs:emissiveColor.connect = </Paint/Texture.outputs:rgb>
+        float inputs:opacity.connect = </Paint/Texture.outputs:r>"""
+    text = quad() + grid(2).replace("Floor", "Wall") + material(texture(), surface)
+    read_at(tmp_path, text, texture=png(GREYS))
+    assert reads == ["texture.png"]

@@ -57,7 +57,7 @@ class TexelSums:
                 np.maximum(self.limits[1], outside),
             )
         self._sums = np.zeros((height, width + 1, channels))
-        np.subtract(texels, self._outside, out=self._sums[:, 1:])
+        np.subtract(texels[::-1], self._outside, out=self._sums[:, 1:])
         np.cumsum(self._sums, axis=1, out=self._sums)
 
     @property
@@ -77,10 +77,7 @@ class TexelSums:
         return np.clip(means + self._outside, *self.limits)
 
     def _means(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        width, height = self._size
-        corners = np.stack(
-            [coordinates[..., 0] * width, (1 - coordinates[..., 1]) * height], axis=-1
-        )
+        corners = coordinates * self._size
         for axis, mode in enumerate(self._wrap):  # near the origin, where sums stay small
             period = self._size[axis] * {"repeat": 1, "mirror": 2}.get(mode, 0)
             if period:

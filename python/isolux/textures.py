@@ -25,7 +25,7 @@ MAX_FILE_TEXELS = 1 << 27
 # Texels kept across and down, far more than a mesh has elements; beyond, means of neighbours.
 MAX_SIDE = 2048
 # Rows worked on at a time.
-STRIP = 128
+STRIP = 32
 
 # Levels of each sample in Pillow's wider modes; the others have 255.
 _WIDE_MODES = {"I;16": 65535.0, "I;16L": 65535.0, "I;16B": 65535.0, "I": 65535.0, "F": 1.0}
@@ -62,11 +62,11 @@ def read_texture(asset: Sdf.AssetPath, colour_space: str) -> Texture:
         texels, is_clipped = _to_working_space(texels, 1.0, colour_space)
         return Texture(texels, wrap, is_clipped)
     try:
-        with warnings.catch_warnings():  # the limit is our own
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        with warnings.catch_warnings():  # of sizes, where the limit is our own, and of odd tags
+            warnings.simplefilter("ignore")
             picture = Image.open(io.BytesIO(contents))
-        _require_size(picture.size, asset.path)
-        texels, levels, is_wide = _samples(picture, contents)
+            _require_size(picture.size, asset.path)
+            texels, levels, is_wide = _samples(picture, contents)
     except (
         UnidentifiedImageError,
         OSError,
@@ -125,13 +125,24 @@ def _to_working_space(
         strip, clipped = _linear(samples[first : math.ceil(bottom)], levels, space)
         is_clipped |= clipped
         if size != (height, width):
-            box = (0, top - first, width, bottom - first)
-            bands = [Image.fromarray(np.ascontiguousarray(strip[..., k])) for k in range(4)]
-            to = (size[1], end - row)
-            resized = [band.resize(to, Image.Resampling.BOX, box) for band in bands]
-            strip = np.stack([np.asarray(band) for band in resized], axis=-1)
+            strip = _means_between(strip, np.linspace(top - first, bottom - first, end - row + 1))
+            strip = _means_between(strip.swapaxes(0, 1), np.linspace(0, width, size[1] + 1))
+            strip = strip.swapaxes(0, 1)
         texels[row:end] = strip
     return texels, is_clipped
+
+
+def _means_between(rows: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.floating]:
+    """(n, ...) means of rows between n + 1 even edges, which may lie within a row."""
+    count = len(edges) - 1
+    if len(rows) % count == 0 and edges[0] == 0 and edges[-1] == len(rows):
+        return rows.reshape(count, -1, *rows.shape[1:]).mean(axis=1)
+    sums = np.zeros((len(rows) + 1, *rows.shape[1:]))
+    np.cumsum(rows, axis=0, out=sums[1:])
+    whole = np.minimum(edges.astype(np.int64), len(rows) - 1)
+    shape = (-1,) + (1,) * (rows.ndim - 1)
+    below = sums[whole] + (edges - whole).reshape(shape) * rows[whole]
+    return np.diff(below, axis=0) / np.diff(edges).reshape(shape)
 
 
 def _linear(samples: NDArray[Any], levels: float, space: str) -> tuple[NDArray[np.float32], bool]:

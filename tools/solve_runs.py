@@ -14,7 +14,8 @@ from isolux.report import read_report
 from isolux.results import ResultsWriter
 from isolux.settings import SolverSettings
 from isolux.solver import ProgressiveSolver
-from isolux.stage_reader import open_stage, read_stage
+from isolux.stage_opening import open_stage
+from isolux.stage_reader import read_stage
 
 
 def seconds_of(work: Callable[[], object]) -> float:

@@ -27,7 +27,8 @@ from isolux.results import ResultsWriter
 from isolux.settings import SolverSettings
 from isolux.solution import ProgressiveStage, Solution
 from isolux.solver import ProgressiveSolver
-from isolux.stage_reader import open_stage, read_stage
+from isolux.stage_opening import open_stage
+from isolux.stage_reader import read_stage
 
 MODES = ("vertex", "refined")
 

@@ -123,6 +123,25 @@ _ReadTime = Annotated[
         "--time", metavar="T", help="Time code to read the stage at; else its startTimeCode."
     ),
 ]
+_Variants = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--variant",
+        metavar="/PRIM:SET=VARIANT",
+        help="Variant to read and to show in the results; as often as needed.",
+    ),
+]
+_Load = Annotated[
+    str | None, typer.Option("--load", metavar="all|none", help="Payloads to load; else all.")
+]
+_Mask = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--mask",
+        metavar="/PRIM",
+        help="Open this part alone, with the materials it points to; as often as needed.",
+    ),
+]
 
 
 @app.command()
@@ -185,6 +204,9 @@ def solve(
         ),
     ] = False,
     time: _ReadTime = None,
+    variant: _Variants = None,
+    load: _Load = None,
+    mask: _Mask = None,
     replay: Annotated[
         Path | None,
         typer.Option(
@@ -203,7 +225,9 @@ def solve(
     at once.
     """
     from .solve_command import solve_stage
+    from .stage_opening import StageOpening
 
+    opening = StageOpening.parse(variant or (), load, mask or ())
     options = {
         "method": method,
         "output_mode": output_mode,
@@ -216,7 +240,7 @@ def solve(
         "display_view": display_view,
     }
     output = output or Path(f"{stage.stem}.isolux.usda")
-    ended_by = solve_stage(stage, output, options, time, report, replay, preview)
+    ended_by = solve_stage(stage, output, options, time, report, replay, preview, opening)
     if ended_by is not None:
         raise typer.Exit(ExitCode.TERMINATED if ended_by == SIGTERM else ExitCode.INTERRUPTED)
 
@@ -253,7 +277,7 @@ def render(
     from .image_io import check_picture, write_picture
     from .render import render_picture
     from .solve_command import require_place
-    from .stage_reader import open_stage
+    from .stage_opening import open_stage
 
     output = output or Path(f"{results.stem}.png")
     check_picture(output, exposure)
@@ -284,13 +308,22 @@ def info(results: _Results) -> None:
 
 
 @app.command()
-def check(stage: _Stage, time: _ReadTime = None) -> None:
+def check(
+    stage: _Stage,
+    time: _ReadTime = None,
+    variant: _Variants = None,
+    load: _Load = None,
+    mask: _Mask = None,
+) -> None:
     """Show what `solve` would read of STAGE, what it would skip, and what is wrong."""
     from .core_scene import require_light_and_surface
-    from .stage_reader import read_stage
+    from .settings import settings_from_stage
+    from .stage_opening import StageOpening
+    from .stage_reader import read_source
     from .tables import findings_table, luminaire_table, new_console, scene_summary
 
-    scene = read_stage(stage, time)
+    opening = StageOpening.parse(variant or (), load, mask or ())
+    _, scene, _ = read_source(stage, time, settings_from_stage, opening)
     console = new_console()
     if scene.luminaires:
         console.print(luminaire_table(scene.luminaires))

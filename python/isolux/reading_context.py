@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Ar, Sdf, Usd, UsdGeom
 
+from .prim_selection import PrimSelection
 from .scene_description import Finding, FindingAction
 from .settings import SolverSettings
 from .skinned_points import Skinning
@@ -26,6 +27,7 @@ class ReadingContext:
     settings : of the solver, some of which say how finely or in which form geometry is read
     threads : for what is done to every point and corner of a mesh
     meters_per_unit : m
+    selection : which prims are rendered
     skinning : poses skinned meshes
     findings : grows while the stage is read
     """
@@ -36,6 +38,7 @@ class ReadingContext:
         self.time = Usd.TimeCode.EarliestTime() if time_code is None else Usd.TimeCode(time_code)
         self.meters_per_unit = float(UsdGeom.GetStageMetersPerUnit(stage))
         self.findings: list[Finding] = []
+        self.selection = PrimSelection(stage, self)
         self.skinning = Skinning(self)
         self._transforms = UsdGeom.XformCache(self.time)
         self._still: set[Sdf.Path] = set()
@@ -65,12 +68,22 @@ class ReadingContext:
         scales = np.linalg.svd(matrix[:3, :3], compute_uv=False)
         return matrix if scales[-1] > SINGULAR_SCALE * scales[0] else None
 
+    def note_changing_visibility(self, prim: Usd.Prim) -> None:
+        """Say that a prim comes and goes, and at which time it is read."""
+        visibility = prim.GetAttribute("visibility")
+        if visibility and visibility.ValueMightBeTimeVarying():
+            reason = f"animated visibility read {self._when()}"
+            self.note(prim, "animation", "noted", reason)
+
+    def _when(self) -> str:
+        return "at the earliest time" if self.time.IsEarliestTime() else f"at time {self.time}"
+
     def note_animation(self, prim: Usd.Prim, attributes: list[Usd.Attribute]) -> None:
         """Say that a prim moves or changes, and at which time it is read.
 
         A moving transform is reported once, at the prim that moves.
         """
-        when = "at the earliest time" if self.time.IsEarliestTime() else f"at time {self.time}"
+        when = self._when()
         animated = [a.GetName() for a in attributes if a and a.ValueMightBeTimeVarying()]
         if animated:
             more = f" and {len(animated) - 3} more" if len(animated) > 3 else ""

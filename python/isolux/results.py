@@ -45,6 +45,7 @@ from .scene_description import Finding, MeshDescription, SceneDescription
 from .schedule import steps_record
 from .settings import OutputMode
 from .solution import MeshLayout, ProgressiveStage, RefinedMesh, Solution
+from .stage_opening import variant_selections
 
 # Stage metadata that a stage takes from its root layer alone.
 _ROOT_METADATA = (
@@ -228,7 +229,7 @@ class ResultsWriter:
         """The root layer but for its time range, which grows with the stages."""
         source = stage.GetRootLayer()
         root = Sdf.Layer.CreateAnonymous(".usda")
-        root.subLayerPaths = [f"./{self._results.name}", self._source_asset(stage)]
+        root.subLayerPaths = [f"./{self._results.name}", self._source_asset(stage, root)]
         for key in _ROOT_METADATA:
             if source.pseudoRoot.HasInfo(key):
                 root.pseudoRoot.SetInfo(key, source.pseudoRoot.GetInfo(key))
@@ -240,17 +241,23 @@ class ResultsWriter:
                 self._layer.pseudoRoot.SetInfo(key, source.pseudoRoot.GetInfo(key))
         return root
 
-    def _source_asset(self, stage: Usd.Stage) -> str:
+    def _source_asset(self, stage: Usd.Stage, root: Sdf.Layer) -> str:
         """Path of the source from the output's folder.
 
-        A stage that lies in no file as it stands (in memory, unsaved edits, session opinions) is
-        flattened into a file of its own.
+        Variants that the session chooses go into `root`. A stage that otherwise lies in no file as
+        it stands (in memory, unsaved edits, session opinions, muted layers) is flattened into a
+        file of its own.
         """
-        layer = stage.GetRootLayer()
-        in_files = all(
-            used.empty if used.anonymous else not used.dirty for used in stage.GetUsedLayers()
+        layer, session = stage.GetRootLayer(), stage.GetSessionLayer()
+        selections = variant_selections(session) if session else {}
+        in_files = selections is not None and not stage.GetMutedLayers()
+        in_files = in_files and all(
+            used.empty or used == session if used.anonymous else not used.dirty
+            for used in stage.GetUsedLayers()
         )
         if in_files and not layer.anonymous:
+            for path, chosen in (selections or {}).items():
+                Sdf.CreatePrimInLayer(root, path).variantSelections.update(chosen)
             if not layer.realPath:
                 return str(layer.identifier)
             relative = os.path.relpath(layer.realPath, self._output.parent)

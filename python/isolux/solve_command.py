@@ -28,6 +28,7 @@ from .schedule import StagePlan
 from .settings import SolverSettings, override_settings, settings_from_stage
 from .solution import ProgressiveStage
 from .solver import ProgressiveSolver
+from .stage_opening import AS_IT_STANDS, StageOpening
 from .stage_reader import read_source
 from .tables import findings_summary, new_console, percent, scene_summary, stage_table
 
@@ -40,6 +41,7 @@ def solve_stage(
     report: Path | None,
     replay: Path | None = None,
     preview: bool = False,
+    opening: StageOpening = AS_IT_STANDS,
 ) -> Signals | None:
     """Solve the stage at `source` and write each progressive stage to `output`.
 
@@ -47,6 +49,7 @@ def solve_stage(
     report : JSON file to write at the end
     replay : results of an earlier run, to be made again by its settings and counts
     preview : write the preview layer too
+    opening : variants, payloads and part of the stage
     returns : the signal that ended the run early, after the stage in progress was written
     raises : IsoluxError; KeyboardInterrupt at a second signal
     """
@@ -71,6 +74,7 @@ def solve_stage(
         source,
         time_code,
         lambda opened: override_settings(recorded or settings_from_stage(opened), options),
+        opening,
     )
     if replay is not None and solved_hash != scene.source_hash:
         messages.print(f"{replay}: the stage has changed since, so its light may differ")
@@ -79,7 +83,7 @@ def solve_stage(
     _print_findings(messages, scene, source)
     require_light_and_surface(scene, str(source))
 
-    provenance = _provenance(settings)
+    provenance = _provenance(settings) | opening.record()
     display = DisplayView.of(settings)
     writer = ResultsWriter(stage, output, scene, provenance, display, settings.output_mode)
     solver = ProgressiveSolver(scene, settings)

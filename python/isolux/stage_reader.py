@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
-from pxr import Ar, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdUtils
+from pxr import Ar, Sdf, Usd, UsdGeom, UsdLux, UsdUtils
 
 from .errors import SceneError
 from .gprim_reader import read_gprim
@@ -21,8 +21,8 @@ from .mesh_reader import read_mesh
 from .reading_context import ReadingContext
 from .scene_description import LuminaireDescription, MeshDescription, SceneDescription
 from .settings import SolverSettings, settings_from_stage
+from .stage_opening import AS_IT_STANDS, StageOpening, open_noisily
 
-SKIPPED_PURPOSES = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
 # Bytes of a layer hashed at a time: little memory, and few turns with the thread that reads.
 HASHED_PIECE = 1 << 22
 # Unloaded payloads are no part of the default predicate, and would go unseen.
@@ -54,16 +54,18 @@ def read_source(
     stage: Usd.Stage | str | Path,
     time_code: float | None,
     choose_settings: Callable[[Usd.Stage], SolverSettings],
+    opening: StageOpening = AS_IT_STANDS,
 ) -> tuple[Usd.Stage, SceneDescription, SolverSettings]:
     """Open a stage, choose the settings, and read it by them; raises as `read_stage`.
 
     time_code : as for `read_stage`
     choose_settings : by the open stage, such as settings_from_stage
+    opening : of a file; a stage that is open stays as it is
     """
     started = time.perf_counter()
     diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # keeps USD from writing to stderr
     try:
-        opened = stage if isinstance(stage, Usd.Stage) else _open(str(stage))
+        opened = stage if isinstance(stage, Usd.Stage) else open_noisily(str(stage), opening)
         _require_no_results(opened)
         settings = choose_settings(opened)
         if time_code is None and opened.HasAuthoredMetadata("startTimeCode"):
@@ -71,6 +73,7 @@ def read_source(
         context = ReadingContext(opened, time_code, settings)
         hashing = _hash_beside(opened.GetUsedLayers())
         _note_composition_errors(opened, context)
+        _note_parts_left_out(opened, context)
         meshes, luminaires = _read_prims(opened, context)
         _note_diagnostics(diagnostics, context)
         scene = SceneDescription(
@@ -86,25 +89,6 @@ def read_source(
         return opened, scene, settings
     finally:
         diagnostics.TakeUncoalescedDiagnostics()  # those left would be written at its deletion
-
-
-def open_stage(path: str | Path) -> Usd.Stage:
-    """Open a stage without messages of USD's own on stderr. Raises SceneError where it is none."""
-    diagnostics = UsdUtils.CoalescingDiagnosticDelegate()
-    try:
-        return _open(str(path))
-    finally:
-        diagnostics.TakeUncoalescedDiagnostics()
-
-
-def _open(name: str) -> Usd.Stage:
-    if not Ar.GetResolver().Resolve(name):
-        raise SceneError(name, "no such file", "a USD stage")
-    try:
-        return Usd.Stage.Open(name)
-    except Tf.ErrorException as error:
-        reason = " ".join(error.args[0].commentary.split()) if error.args else "no reason given"
-        raise SceneError(name, f"no readable USD ({reason})", "a USD stage") from None
 
 
 def _require_no_results(stage: Usd.Stage) -> None:
@@ -136,21 +120,13 @@ def _read_prims(
         if prim.GetTypeName() and not prim.IsA(Usd.Typed):
             reason = "a type of prim that this USD does not know"
             context.note(prim, str(prim.GetTypeName()), "skipped", reason)
-        if not prim.IsA(UsdGeom.Gprim) or _is_stand_in(prim, context):
+        if not prim.IsA(UsdGeom.Gprim) or not context.selection.is_rendered(prim):
             continue
         read_shape = read_mesh if prim.IsA(UsdGeom.Mesh) else read_gprim
         mesh = read_shape(prim, context, materials)
         if mesh:
             meshes.append(mesh)
     return meshes, luminaires
-
-
-def _is_stand_in(prim: Usd.Prim, context: ReadingContext) -> bool:
-    """Whether a prim's purpose keeps it out of renders."""
-    purpose = UsdGeom.Imageable(prim).ComputePurpose()
-    if purpose in SKIPPED_PURPOSES:
-        context.note(prim, f"purpose {purpose}", "skipped", f"{purpose} geometry is not rendered")
-    return purpose in SKIPPED_PURPOSES
 
 
 def _skip_subtree(
@@ -163,12 +139,16 @@ def _skip_subtree(
     if not prim.IsLoaded():
         context.note(prim, "payload", "skipped", "its payload is not loaded")
         return True
+    if context.selection.leaves_out(prim):
+        return True
     visibility = context.value(prim, "visibility", UsdGeom.Tokens.inherited)
     if visibility == UsdGeom.Tokens.invisible:
         contents = _contents(prim)
         if contents:
             context.note(prim, "visibility", "skipped", f"invisible: {contents}")
+            context.note_changing_visibility(prim)
         return True
+    context.note_changing_visibility(prim)
     if prim.IsInstance():
         prototype = prim.GetPrototype().GetPath()
         if prototype not in inside_prototypes:
@@ -213,6 +193,17 @@ def _note_composition_errors(stage: Usd.Stage, context: ReadingContext) -> None:
     """References and payloads that lead nowhere leave parts of the stage missing."""
     for error in stage.GetCompositionErrors():
         context.note(error.rootSite.path, "composition", "skipped", str(error))
+
+
+def _note_parts_left_out(stage: Usd.Stage, context: ReadingContext) -> None:
+    mask = stage.GetPopulationMask()
+    if not mask.Includes(Sdf.Path.absoluteRootPath) or not mask.IncludesSubtree("/"):
+        paths = ", ".join(str(path) for path in mask.GetPaths())
+        reason = f"all of the stage but {paths}"
+        context.note(Sdf.Path.absoluteRootPath, "population mask", "skipped", reason)
+    for layer in stage.GetMutedLayers():
+        reason = f"{layer} is muted"
+        context.note(Sdf.Path.absoluteRootPath, "muted layer", "skipped", reason)
 
 
 def _note_diagnostics(

@@ -182,6 +182,26 @@ def test_check_shows_what_would_be_read_and_writes_nothing(here):
     assert names_in(here) == []
 
 
+def test_check_and_the_report_count_prims_by_what_became_of_them(here):
+    prims = (FLOOR, WALLS, LAMP, *(f'    def Points "P{i}" {{\n    }}\n' for i in range(3)))
+    source = write_stage(here / "some.usda", *prims, '    def Sphere "Ball" {\n    }\n')
+    shown = [line.split() for line in isolux("check", source).stdout.splitlines()]
+    for row in (
+        ["Mesh", "2", "–", "–", "–"],
+        ["Points", "–", "3", "–", "–"],
+        ["Sphere", "1", "–", "1", "–"],
+        ["SphereLight", "1", "–", "–", "–"],
+    ):
+        assert row in shown
+    isolux("solve", source, "--photons", 1000, "--report", "run.json")
+    assert json.loads((here / "run.json").read_text())["prims"] == {
+        "Mesh": {"read": 2},
+        "Points": {"skipped": 3},
+        "Sphere": {"read": 1, "approximated": 1},
+        "SphereLight": {"read": 1},
+    }
+
+
 def test_info_tells_the_stages_from_the_file_itself(solved):
     (solved.parent / "../scenes/room.usda").unlink()
     result = isolux("info", solved)

@@ -320,7 +320,7 @@ def check(
     from .settings import settings_from_stage
     from .stage_opening import StageOpening
     from .stage_reader import read_source
-    from .tables import findings_table, luminaire_table, new_console, scene_summary
+    from .tables import findings_table, luminaire_table, new_console, prims_table, scene_summary
 
     opening = StageOpening.parse(variant or (), load, mask or ())
     _, scene, _ = read_source(stage, time, settings_from_stage, opening)
@@ -329,5 +329,7 @@ def check(
         console.print(luminaire_table(scene.luminaires))
     if scene.findings:
         console.print(findings_table(scene.findings))
+    if scene.prim_counts:
+        console.print(prims_table(scene))
     console.print(f"{stage}: {scene_summary(scene)}", soft_wrap=True)
     require_light_and_surface(scene, str(stage))

@@ -72,12 +72,10 @@ class PrimSelection:
 
     def _choose_level(self, prim: Usd.Prim) -> None:
         """Light doesn't depend on where it is seen from: the level that needs no viewpoint."""
-        levels = [
-            level.GetPath() for level in prim.GetChildren() if not level.IsA(UsdLod.Heuristic)
-        ]
-        default = self._context.value(prim, "lod:default:index", 0)
-        if not 0 <= default < len(levels):
+        levels = [level.GetPath() for level in prim.GetChildren()]
+        if not levels:
             return
-        for level in levels:
-            if level != levels[default]:
-                self._other_levels[level] = f"its level of detail is {levels[default].name}"
+        default = self._context.value(prim, "lod:default:index", 0)
+        chosen = levels[max(0, min(default, len(levels) - 1))]
+        reason = f"another level of detail than {chosen.name}"
+        self._other_levels |= {level: reason for level in levels if level != chosen}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
@@ -38,6 +39,9 @@ class ReadingContext:
         self.time = Usd.TimeCode.EarliestTime() if time_code is None else Usd.TimeCode(time_code)
         self.meters_per_unit = float(UsdGeom.GetStageMetersPerUnit(stage))
         self.findings: list[Finding] = []
+        self._stage = stage
+        self._read: Counter[str] = Counter()
+        self._noted: dict[tuple[str, FindingAction], set[Sdf.Path]] = {}
         self.selection = PrimSelection(stage, self)
         self.skinning = Skinning(self)
         self._transforms = UsdGeom.XformCache(self.time)
@@ -49,6 +53,20 @@ class ReadingContext:
         """Record a finding about a prim."""
         path = prim.GetPath() if isinstance(prim, Usd.Prim) else prim
         self.findings.append(Finding(str(path), kind, action, reason))
+        found = prim if isinstance(prim, Usd.Prim) else self._stage.GetPrimAtPath(path)
+        if found and not found.IsPseudoRoot():
+            self._noted.setdefault((_type_of(found), action), set()).add(path)
+
+    def count_read(self, prim: Usd.Prim) -> None:
+        """Count a prim as a surface or a luminaire that was read."""
+        self._read[_type_of(prim)] += 1
+
+    def prim_counts(self) -> dict[str, dict[str, int]]:
+        """By type of prim: how many were read, skipped, approximated, repaired, noted."""
+        counts: dict[str, dict[str, int]] = {kind: {"read": n} for kind, n in self._read.items()}
+        for (kind, action), paths in self._noted.items():
+            counts.setdefault(kind, {})[action] = len(paths)
+        return dict(sorted(counts.items()))
 
     def value(self, prim: Usd.Prim, name: str, default: Any) -> Any:
         """The attribute's value at the time of reading, or `default` where it has none."""
@@ -110,6 +128,10 @@ def read_asset(path: Sdf.AssetPath, at_most: int | None = None) -> bytes | None:
         return None
     size = asset.GetSize() if at_most is None else min(at_most, asset.GetSize())
     return bytes(asset.Read(size, 0)) if size else b""  # nothing to read is an error to USD
+
+
+def _type_of(prim: Usd.Prim) -> str:
+    return str(prim.GetTypeName()) or "untyped"
 
 
 def triple(value: Iterable[float]) -> str:

@@ -87,6 +87,7 @@ def write_report(
         "source_hash": scene.source_hash,
         "meshes": len(scene.meshes),
         "luminaires": len(scene.luminaires),
+        "prims": {kind: dict(counts) for kind, counts in scene.prim_counts.items()},
         "luminous_flux_lm": scene.luminous_flux,
         "seconds": asdict(seconds),
         "stages": [_stage_object(stage) for stage in stages],

@@ -6,6 +6,7 @@ World space is the stage's own axes (Y-up stays Y-up), scaled by `metersPerUnit`
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -125,6 +126,7 @@ class SceneDescription:
     meters_per_unit, up_axis : as the stage has them ("Y" or "Z")
     time_code : the time at which attributes were read; None: the default time
     source_hash : sha256 of the used layers' contents, hex
+    prim_counts : by type of prim and by "read" or the action of its findings, how many prims
     """
 
     meshes: tuple[MeshDescription, ...]
@@ -135,6 +137,7 @@ class SceneDescription:
     time_code: float | None
     source_hash: str = ""
     read_seconds: float = field(default=0.0, compare=False)
+    prim_counts: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
 
     @property
     def luminous_flux(self) -> float:

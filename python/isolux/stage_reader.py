@@ -85,6 +85,7 @@ def read_source(
             time_code=time_code,
             source_hash=hashing.result(),
             read_seconds=time.perf_counter() - started,
+            prim_counts=context.prim_counts(),
         )
         return opened, scene, settings
     finally:
@@ -117,6 +118,7 @@ def _read_prims(
             luminaire = read_light(prim, context)
             if luminaire:
                 luminaires.append(luminaire)
+                context.count_read(prim)
         if prim.GetTypeName() and not prim.IsA(Usd.Typed):
             reason = "a type of prim that this USD does not know"
             context.note(prim, str(prim.GetTypeName()), "skipped", reason)
@@ -126,6 +128,7 @@ def _read_prims(
         mesh = read_shape(prim, context, materials)
         if mesh:
             meshes.append(mesh)
+            context.count_read(prim)
     return meshes, luminaires
 
 

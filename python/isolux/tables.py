@@ -48,6 +48,17 @@ def scene_summary(scene: SceneDescription) -> str:
     return ", ".join([*counts, f"{_lumens(scene.luminous_flux)} lm"])
 
 
+def prims_table(scene: SceneDescription) -> Table:
+    """What became of the prims, by their type."""
+    actions = ("read", "skipped", "approximated", "repaired")
+    table = _table("type", *(f"#{action}" for action in actions))
+    for type_name, counts in scene.prim_counts.items():
+        if any(action in counts for action in actions):
+            cells = (f"{counts[action]:,}" if action in counts else "–" for action in actions)
+            table.add_row(type_name, *cells)
+    return table
+
+
 def findings_summary(findings: Iterable[Finding]) -> Table:
     """A row for each action and kind: how many, and the first of the prims."""
     groups: dict[tuple[FindingAction, str], list[str]] = {}

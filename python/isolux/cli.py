@@ -8,12 +8,15 @@ from __future__ import annotations
 from enum import IntEnum
 from pathlib import Path
 from signal import SIGTERM
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from .errors import IsoluxError, PhotometryError, SceneError, SettingsError
+
+if TYPE_CHECKING:
+    from .stage_opening import StageOpening
 
 
 class ExitCode(IntEnum):
@@ -204,6 +207,13 @@ def solve(
         ),
     ] = False,
     time: _ReadTime = None,
+    frames: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A:B[:S]",
+            help="Solve at each time code from A to B, in steps of S, for playback.",
+        ),
+    ] = None,
     variant: _Variants = None,
     load: _Load = None,
     mask: _Mask = None,
@@ -240,9 +250,35 @@ def solve(
         "display_view": display_view,
     }
     output = output or Path(f"{stage.stem}.isolux.usda")
+    if frames is not None:
+        _solve_frames(stage, output, options, frames, time, replay, report, opening)
+        return
     ended_by = solve_stage(stage, output, options, time, report, replay, preview, opening)
     if ended_by is not None:
         raise typer.Exit(ExitCode.TERMINATED if ended_by == SIGTERM else ExitCode.INTERRUPTED)
+
+
+def _solve_frames(
+    stage: Path,
+    output: Path,
+    options: dict[str, Any],
+    frames: str,
+    time: float | None,
+    replay: Path | None,
+    report: Path | None,
+    opening: StageOpening,
+) -> None:
+    from .frames_command import parse_frames, solve_frames
+
+    for name, value in (("--time", time), ("--replay", replay)):
+        if value is not None:
+            raise SettingsError("--frames", f"{name} beside it", "one of them")
+    outcome = solve_frames(stage, output, options, parse_frames(frames), report, opening)
+    if outcome.signal is not None:
+        terminated = outcome.signal == SIGTERM
+        raise typer.Exit(ExitCode.TERMINATED if terminated else ExitCode.INTERRUPTED)
+    if outcome.failures:
+        raise typer.Exit(_ERROR_CODES.get(type(outcome.failures[0]), ExitCode.FAILED))
 
 
 @app.command()

@@ -76,7 +76,7 @@ def render_picture(
     for name, value in (("width", width), ("samples", samples)):
         if value < 1:
             raise SettingsError(name, str(value), "at least 1")
-    scene = _refined_scene(stage, _read_solved_scene(stage))
+    scene = _refined_scene(stage, _read_solved_scene(stage, time))
     last = _last_time(stage, scene)
     time = last if time is None else time
     surfaces = VisibleSurfaces(_surfaces(stage, scene, time))
@@ -141,8 +141,11 @@ def _pixel_places(
     return x.ravel(), y.ravel()
 
 
-def _read_solved_scene(stage: Usd.Stage) -> SceneDescription:
-    """The scene as it was solved: without the colours and the time range that the results add."""
+def _read_solved_scene(stage: Usd.Stage, time: float | None) -> SceneDescription:
+    """The scene as it was solved: without the colours and the time range that the results add.
+
+    time : of results of many frames, the frame; None: the last
+    """
     source = Usd.Stage.Open(stage.GetRootLayer(), stage.GetSessionLayer())
     solved_at = Usd.TimeCode.EarliestTime().GetValue()
     settings = SolverSettings()
@@ -150,6 +153,8 @@ def _read_solved_scene(stage: Usd.Stage) -> SceneDescription:
         provenance = layer.customLayerData.get("isolux")
         if provenance is not None and layer != stage.GetRootLayer():
             solved_at = provenance.get("timeCode", solved_at)
+            if "frames" in provenance:
+                solved_at = max(provenance["frames"]) if time is None else time
             settings = recorded_settings(provenance)
             source.MuteLayer(layer.identifier)
     return read_stage(source, solved_at, settings)

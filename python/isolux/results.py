@@ -160,11 +160,34 @@ class ResultsWriter:
             + [finding for finding in cages if finding]
         )
 
+    @property
+    def layer(self) -> Sdf.Layer:
+        """The results layer, with the stages so far."""
+        return self._layer
+
+    @property
+    def root(self) -> Sdf.Layer:
+        """The root layer that lays the results over the source."""
+        return self._root
+
     def write(self, solution: Solution) -> None:
         """Add one stage at its integer time code and replace the files.
 
         raises : SceneError naming the file that can't be written; the earlier stages stay readable
         """
+        self.add(solution)
+        try:
+            self.write_flattened_source()
+            export_layer(self._layer, self._results)
+            self._write_root(float(solution.stage.index))
+        except SceneError:
+            if not self._output.exists():  # then nothing points to the other files
+                self._results.unlink(missing_ok=True)
+                self._flattened_file.unlink(missing_ok=True)
+            raise
+
+    def add(self, solution: Solution) -> None:
+        """Add one stage to `layer`; no file is written."""
         if self._as_polygons and self._cages and solution.refined is self._refined is None:
             unsplit = unsplit_mesh(self._scene.meshes, solution.layouts)
             solution = replace(solution, refined=unsplit)
@@ -200,17 +223,12 @@ class ResultsWriter:
             for output in self._meshes.values():
                 self._write_primvars(output, stage)
             self._write_report(solution)
-        try:
-            if self._flattened:
-                _export(self._flattened, self._flattened_file)
-                self._flattened = None
-            _export(self._layer, self._results)
-            self._write_root(stage.time_code)
-        except SceneError:
-            if not self._output.exists():  # then nothing points to the other files
-                self._results.unlink(missing_ok=True)
-                self._flattened_file.unlink(missing_ok=True)
-            raise
+
+    def write_flattened_source(self) -> None:
+        """Where the source lies in no file as it stands, write it into one."""
+        if self._flattened:
+            export_layer(self._flattened, self._flattened_file)
+            self._flattened = None
 
     def _check_output(self, stage: Usd.Stage) -> None:
         if self._output.suffix not in (".usda", ".usd", ".usdc"):
@@ -411,7 +429,7 @@ class ResultsWriter:
             self._root.endTimeCode = time_code
         text = self._root.ExportToString()
         if text != self._root_written:
-            _export(self._root, self._output)
+            export_layer(self._root, self._output)
             self._root_written = text
 
 
@@ -439,7 +457,7 @@ def _layer_value(value: Any) -> Any:
     return value if isinstance(value, bool | int | float) else str(value)
 
 
-def _export(layer: Sdf.Layer, path: Path) -> None:
+def export_layer(layer: Sdf.Layer, path: Path) -> None:
     with replace_atomically(path) as temporary:
         try:
             layer.Export(str(temporary))

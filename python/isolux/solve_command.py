@@ -56,13 +56,10 @@ def solve_stage(
     messages = new_console(stderr=True)
     # A wrong option fails before the stage is read.
     DisplayView.of(override_settings(SolverSettings(), options))
-    _require_suffix(output, (".usda", ".usd", ".usdc"))
-    require_place(output)
+    require_output(output)
     if preview:
         require_place(preview_path(output))
-    if report is not None:
-        _require_suffix(report, (".json",))
-        require_place(report)
+    require_report(report)
 
     started = time.perf_counter()
     steps: tuple[StagePlan, ...] = ()
@@ -83,7 +80,7 @@ def solve_stage(
     _print_findings(messages, scene, source)
     require_light_and_surface(scene, str(source))
 
-    provenance = _provenance(settings) | opening.record()
+    provenance = provenance_of(settings) | opening.record()
     display = DisplayView.of(settings)
     writer = ResultsWriter(stage, output, scene, provenance, display, settings.output_mode)
     solver = ProgressiveSolver(scene, settings)
@@ -130,12 +127,26 @@ def require_place(path: Path) -> None:
         raise SceneError(str(path), f"no writable folder {path.parent}", "a file to write")
 
 
+def require_output(path: Path) -> None:
+    """Raise where results can't be written to a file of this name."""
+    _require_suffix(path, (".usda", ".usd", ".usdc"))
+    require_place(path)
+
+
+def require_report(path: Path | None) -> None:
+    """Raise where a report is wanted and can't be written."""
+    if path is not None:
+        _require_suffix(path, (".json",))
+        require_place(path)
+
+
 def _require_suffix(path: Path, suffixes: Sequence[str]) -> None:
     if path.suffix not in suffixes:
         raise SettingsError(str(path), f"the suffix '{path.suffix}'", " or ".join(suffixes))
 
 
-def _provenance(settings: SolverSettings) -> dict[str, Any]:
+def provenance_of(settings: SolverSettings) -> dict[str, Any]:
+    """What is needed to make a run again."""
     return {
         "version": __version__,
         "seed": settings.seed,

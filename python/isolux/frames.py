@@ -1,9 +1,10 @@
 """Writes the illumination of a shot: a layer a frame, and a root layer that plays them back.
 
-`OUT.usda` lays the frames over the source by value clips: at the time code of a frame, the primvars
-of its layer `OUT.frames/OUT.0101.usdc` hold, until the next frame. What doesn't change over time
-(types and interpolations) is said once, in `OUT.results.usdc`; it declares the clips' attributes.
-A frame that failed has no illumination, and its clip is empty.
+`OUT.usda` lays `OUT.results.usdc` over the source, as for a single time, and that layer plays the
+frames back by value clips: at the time code of a frame the primvars are those of its own layer,
+`OUT.frames/OUT.0101.usdc`. What doesn't change over time (types and interpolations) is said once,
+in `OUT.results.usdc`, which also declares the clips' attributes. A frame that failed has no
+illumination: its clip is empty.
 
 All frames are on the meshes as they are: of a mesh that deforms, each frame has values and indices
 of its own, `faceVarying`, since creases may come and go.
@@ -133,33 +134,37 @@ class FramesWriter:
         self._playback.customLayerData = lasting.customLayerData
 
     def _write_root(self) -> None:
-        root = self._root
-        if self._playback is None or root is None:
+        if self._playback is None or self._root is None:
             return
         frames = sorted(self._clips)
-        data = dict(self._playback.customLayerData["isolux"])
-        data["frames"] = Vt.DoubleArray([f for f in frames if self._clips[f] is not None])
-        self._playback.customLayerData = {"isolux": data}
-        export_layer(self._playback, self._results)
-        assets, active = [self._asset(None)], []
-        for frame in frames:
-            asset = self._asset(self._clips[frame])
-            if asset not in assets:
-                assets.append(asset)
-            active.append(Gf.Vec2d(frame, assets.index(asset)))
+        lit = [frame for frame in frames if self._clips[frame] is not None]
+        self._playback.customLayerData = {
+            "isolux": {
+                **self._playback.customLayerData["isolux"],
+                "frames": Vt.DoubleArray(lit),
+                "frameLayers": Vt.StringArray([self._asset(self._clips[f]) for f in lit]),
+            }
+        }
+        empty = self._asset(None)
+        assets = [
+            empty,
+            *(asset for asset in map(self._asset, self._clips.values()) if asset != empty),
+        ]
+        active = [Gf.Vec2d(f, assets.index(self._asset(self._clips[f]))) for f in frames]
         for prim in self._playback.rootPrims:
             clips = {
                 "assetPaths": Sdf.AssetPathArray([Sdf.AssetPath(asset) for asset in assets]),
-                "manifestAssetPath": Sdf.AssetPath(assets[0]),
+                "manifestAssetPath": Sdf.AssetPath(empty),
                 "primPath": str(prim.path),
                 "active": Vt.Vec2dArray(active),
             }
-            Sdf.CreatePrimInLayer(root, prim.path).SetInfo("clips", {CLIP_SET: clips})
-        root.startTimeCode, root.endTimeCode = frames[0], frames[-1]
-        export_layer(root, self._output)
+            prim.SetInfo("clips", {CLIP_SET: clips})
+        export_layer(self._playback, self._results)
+        self._root.startTimeCode, self._root.endTimeCode = frames[0], frames[-1]
+        export_layer(self._root, self._output)
 
     def _asset(self, clip: Path | None) -> str:
-        """From the root layer's folder; no clip: the results layer, which has no samples."""
+        """Beside the results layer; no clip: that layer itself, which has no samples."""
         if clip is None:
             return f"./{self._results.name}"
         return f"./{clip.relative_to(self._output.parent).as_posix()}"

@@ -35,14 +35,17 @@ def read_report(path: str | Path) -> tuple[dict[str, Any], list[ProgressiveStage
 
     path : the root layer that a solve made, or its results layer
     returns : what the writer was given to replay the run, with sourceHash, steps and
-        reportPrim (path of the prim with the report); the stages by time code
+        reportPrim (path of the prim with the report); the stages by time code, of results of many
+        frames the last stage of each frame
     raises : SceneError where the file is no USD or holds no results
     """
     for layer in _layers(Path(path)):
         provenance = layer.customLayerData.get("isolux")
         if provenance:
             prim = Sdf.Path(provenance["reportPrim"])
-            return _plain(provenance), _stages(layer, prim)
+            frames = [Path(path).parent / asset for asset in provenance.get("frameLayers", ())]
+            layers = [_open(frame) for frame in frames] if frames else [layer]
+            return _plain(provenance), [stage for part in layers for stage in _stages(part, prim)]
     raise SceneError(str(path), "no Isolux results", "a file that `isolux solve` wrote")
 
 
@@ -53,6 +56,9 @@ def read_replay(path: str | Path) -> tuple[SolverSettings, tuple[StagePlan, ...]
     raises : SceneError where the file holds no results that can be replayed
     """
     provenance, _ = read_report(path)
+    if "frames" in provenance:
+        layer = provenance["frameLayers"][0]
+        raise SceneError(str(path), "results of many frames", f"those of one, such as {layer}")
     try:
         steps = recorded_steps(provenance["steps"])
         settings = recorded_settings(provenance)

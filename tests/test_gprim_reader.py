@@ -138,6 +138,8 @@ def test_a_plane_faces_up_its_axis_with_width_and_length_as_the_schema_says(axis
         ('def Sphere "A" {\n double radius = -1\n}', "radius -1"),
         ('def Cube "A" {\n double size = nan\n}', "size nan"),
         ('def Cylinder "A" {\n double height = inf\n}', "height inf"),
+        ('def Cube "A" {\n double size = 1e300\n}', "size 1e+300"),
+        ('def Sphere "A" {\n double radius = 1e-310\n}', "radius 1e-310"),
         ('def Cone "A" {\n uniform token axis = "W"\n}', "axis W"),
         ('def Cylinder_1 "A" {\n double radiusTop = 0\n double radiusBottom = 0\n}', "0"),
         ('def TetMesh "A" {\n}', "no faces"),
@@ -192,6 +194,13 @@ def test_a_material_and_a_moving_radius_are_those_of_the_gprim():
     np.testing.assert_allclose(ball.reflectance, [[0.5, 0.1, 0.1]])
     assert ball.points.max() == pytest.approx(2)
     assert found(scene) == [("/Ball", "Sphere", "approximated"), ("/Ball", "animation", "noted")]
+
+
+def test_a_skinned_gprim_says_that_it_is_not_posed():
+    scene = read_usda("""def Sphere "Ball" ( prepend apiSchemas = ["SkelBindingAPI"] ) {
+        int[] primvars:skel:jointIndices = [0] ( interpolation = "constant" )
+    }""")
+    assert ("/Ball", "SkelBindingAPI", "approximated") in found(scene)
 
 
 ROOM = """

@@ -51,6 +51,21 @@ def test_a_purpose_holds_for_all_that_is_below_it():
     assert found(read_usda(body)) == [("/P/A", "purpose proxy", "skipped")]
 
 
+def test_a_stand_in_is_named_once_by_the_prim_it_stands_for():
+    scene = read_usda(f"""def Xform "Chair" {{
+        def Xform "Full" {{
+            uniform token purpose = "render"
+            rel proxyPrim = </Chair/Box>
+            {mesh("A")} {mesh("B")}
+        }}
+        {mesh("Box", 'uniform token purpose = "proxy"')}
+    }}""")
+    assert found(scene) == [
+        ("/Chair/Full", "proxyPrim", "noted"),
+        ("/Chair/Box", "purpose proxy", "skipped"),
+    ]
+
+
 def test_geometry_for_rendering_can_be_invisible_to_renders():
     """By VisibilityAPI, whatever the visibility of the rest."""
     applied = '( prepend apiSchemas = ["VisibilityAPI"] )'

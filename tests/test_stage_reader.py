@@ -139,6 +139,24 @@ def test_references_that_lead_nowhere_are_findings_and_not_noise(tmp_path, capfd
     assert capfd.readouterr() == ("", "")
 
 
+def test_references_in_a_circle_are_findings_in_a_line(tmp_path):
+    stage = tmp_path / "circle.usda"
+    stage.write_text(
+        "#usda 1.0\n"
+        'def "A" ( references = </B> ) {\n}\n'
+        'def "B" ( references = </A> ) {\n}\n'
+        'def "Self" ( references = @./circle.usda@</Self> ) {\n}\n' + mesh("Floor")
+    )
+    scene = read_stage(stage)
+    assert [mesh.path for mesh in scene.meshes] == ["/Floor"]
+    assert {path for path, kind, _ in found(scene) if kind == "composition"} == {
+        "/A",
+        "/B",
+        "/Self",
+    }
+    assert not any("\n" in finding.reason for finding in scene.findings)
+
+
 def test_payloads_left_unloaded_are_named(tmp_path):
     Sdf.Layer.CreateNew(str(tmp_path / "room.usda")).Save()
     (tmp_path / "room.usda").write_text("#usda 1.0\n" + group(mesh("A")))

@@ -40,6 +40,9 @@ def read_gprim(
     flat = kind in ("Cube", "Plane", "TetMesh")
     reason = f"read as {len(shape.counts)} faces; a Mesh in the results"
     context.note(prim, kind, "noted" if flat else "approximated", reason)
+    if prim.HasAttribute("primvars:skel:jointIndices"):
+        reason = f"skinned {kind} read in its rest pose: meshes are posed"
+        context.note(prim, "SkelBindingAPI", "approximated", reason)
     context.note_animation(
         prim, [prim.GetAttribute(name) for name in prim.GetPropertyNames() if name in _SHAPE_INPUTS]
     )

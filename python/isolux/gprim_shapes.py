@@ -21,6 +21,8 @@ SEGMENTS_AROUND = 48
 # Faces along each edge of a cube or plane, and along the radius of an end cap: illumination is
 # known at corners alone, and a room's wall is often one gprim.
 SEGMENTS_ALONG = 8
+# Sizes that single precision holds: points of a stage, those of the results too, have no others.
+_SMALLEST, _LARGEST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,7 @@ class _Sizes:
 
     def __call__(self, name: str, *, may_be_zero: bool = False) -> float:
         value = float(self._prim.GetAttribute(name).Get(self._time))
-        if not (np.isfinite(value) and (value > 0 or (may_be_zero and value == 0))):
+        if not (_SMALLEST <= value <= _LARGEST or (may_be_zero and value == 0)):
             raise ShapeError(f"{name} {value:g}")
         return value
 

@@ -31,6 +31,7 @@ class PrimSelection:
         included = render_settings and render_settings.GetIncludedPurposesAttr().Get()
         self._purposes = {str(purpose) for purpose in included or _RENDERED}
         self._other_levels: dict[Sdf.Path, str] = {}
+        self._with_proxy: set[Sdf.Path] = set()
 
     def is_rendered(self, prim: Usd.Prim) -> bool:
         """Whether a Gprim's purpose is rendered and visible; a finding says why not."""
@@ -45,7 +46,19 @@ class PrimSelection:
             if visibility == UsdGeom.Tokens.invisible:
                 self._context.note(prim, f"{purpose}Visibility", "skipped", "invisible")
                 return False
+            self._note_proxy(imageable)
         return True
+
+    def _note_proxy(self, imageable: UsdGeom.Imageable) -> None:
+        """Once a prim that others stand for in viewers: they show no light."""
+        found = imageable.ComputeProxyPrim()
+        if not found:
+            return
+        proxy, rendered = found
+        if rendered.GetPath() not in self._with_proxy:
+            self._with_proxy.add(rendered.GetPath())
+            reason = f"{proxy.GetPath()} stands for it in viewers and isn't baked"
+            self._context.note(rendered, "proxyPrim", "noted", reason)
 
     def leaves_out(self, prim: Usd.Prim) -> bool:
         """Whether a prim and what is below it is another level of detail than the one that is read.

@@ -195,7 +195,7 @@ def _contents(prim: Usd.Prim) -> str:
 def _note_composition_errors(stage: Usd.Stage, context: ReadingContext) -> None:
     """References and payloads that lead nowhere leave parts of the stage missing."""
     for error in stage.GetCompositionErrors():
-        context.note(error.rootSite.path, "composition", "skipped", str(error))
+        context.note(error.rootSite.path, "composition", "skipped", " ".join(str(error).split()))
 
 
 def _note_parts_left_out(stage: Usd.Stage, context: ReadingContext) -> None:

@@ -351,16 +351,33 @@ def check(
     load: _Load = None,
     mask: _Mask = None,
 ) -> None:
-    """Show what `solve` would read of STAGE, what it would skip, and what is wrong."""
+    """Show what `solve` would read of STAGE, what it would skip, and what is wrong.
+
+    USD's own validators have their say, and so have those of Isolux; their errors are told, and
+    change nothing in how the command ends: as `solve` would.
+    """
     from .core_scene import require_light_and_surface
     from .settings import settings_from_stage
-    from .stage_opening import StageOpening
+    from .stage_check import check_stage
+    from .stage_opening import StageOpening, open_stage
     from .stage_reader import read_source
-    from .tables import findings_table, luminaire_table, new_console, prims_table, scene_summary
+    from .tables import (
+        complaint_table,
+        findings_table,
+        luminaire_table,
+        new_console,
+        prims_table,
+        scene_summary,
+    )
 
     opening = StageOpening.parse(variant or (), load, mask or ())
-    _, scene, _ = read_source(stage, time, settings_from_stage, opening)
     console = new_console()
+    checked = check_stage(open_stage(stage, opening))
+    if checked.complaints:
+        console.print(complaint_table(checked.complaints))
+    for reason, count in checked.left_out.items():
+        console.print(f"left out: {count} × {reason}", soft_wrap=True)
+    _, scene, _ = read_source(stage, time, settings_from_stage, opening)
     if scene.luminaires:
         console.print(luminaire_table(scene.luminaires))
     if scene.findings:

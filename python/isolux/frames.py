@@ -18,10 +18,12 @@ from typing import Any
 
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdUtils, Vt
 
+from .display_view import DisplayView
 from .errors import SceneError
 from .output_fields import OUTPUT_FIELDS
 from .results import ResultsWriter, export_layer
 from .scene_description import MeshDescription, SceneDescription
+from .settings import SolverSettings
 from .solution import Solution
 
 CLIP_SET = "isolux"
@@ -43,10 +45,12 @@ class FramesWriter:
 
     source : the stage, open
     output : the root layer to make; its folder must exist
+    settings : of the display and the output mode
     """
 
-    def __init__(self, source: Usd.Stage, output: Path) -> None:
+    def __init__(self, source: Usd.Stage, output: Path, settings: SolverSettings) -> None:
         self._source = source
+        self._settings = settings
         self._output = output.absolute()
         self._results = self._output.with_suffix(".results.usdc")
         self._folder = self._output.with_suffix(".frames")
@@ -69,7 +73,11 @@ class FramesWriter:
         returns : the layer of the frame
         raises : SceneError where a file can't be written
         """
-        writer = ResultsWriter(self._source, self._output, scene, provenance)
+        settings = self._settings
+        display = DisplayView.of(settings)
+        writer = ResultsWriter(
+            self._source, self._output, scene, provenance, display, settings.output_mode
+        )
         writer.add(solution)
         layer = writer.layer
         meshes = {mesh.path: mesh for mesh in scene.meshes}

@@ -126,7 +126,7 @@ class _Run:
         self._opening = opening
         self._messages = messages
         self._known: set[tuple[str, str, str]] = set()
-        self.writer = FramesWriter(stage, output)
+        self.writer = FramesWriter(stage, output, settings)
         self.done = 0
 
     def solve(self, frame: float, label: str, stop: StopRequest) -> bool:

@@ -13,6 +13,7 @@ from rich.table import Table
 from .output_fields import OUTPUT_FIELDS
 from .scene_description import Finding, FindingAction, LuminaireDescription, SceneDescription
 from .solution import ProgressiveStage
+from .stage_check import Complaint
 
 # Prim paths that a summary of findings shows of each kind.
 _SHOWN_PATHS = 3
@@ -76,6 +77,16 @@ def findings_table(findings: Iterable[Finding]) -> Table:
     table = _table("prim", "action", "kind", "reason")
     for finding in sorted(findings, key=lambda finding: _rank(finding.action, finding.kind)):
         table.add_row(finding.path, finding.action, finding.kind, finding.reason)
+    return table
+
+
+def complaint_table(complaints: Iterable[Complaint]) -> Table:
+    """What validators say: a row for each kind of message, with the first of its prims."""
+    table = _table("severity", "validator", "#times", "first of them", "message")
+    for row in complaints:
+        more = ", …" if len(row.paths) > _SHOWN_PATHS else ""
+        shown = ", ".join(row.paths[:_SHOWN_PATHS]) + more
+        table.add_row(row.severity, row.name, str(len(row.paths)), shown, row.message)
     return table
 
 

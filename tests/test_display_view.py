@@ -1,5 +1,7 @@
 """displayColor through each view, as it comes out of a viewer that encodes it for sRGB."""
 
+from dataclasses import replace
+
 import numpy as np
 import PyOpenColorIO
 import pytest
@@ -11,6 +13,8 @@ from isolux.colour import adapted_exposure, display_colours
 from isolux.display_view import DisplayView
 from isolux.errors import SettingsError
 from isolux.results import ResultsWriter
+from isolux.settings import settings_from_stage
+from usda_stage import METRES, open_usda
 
 BUILTIN = PyOpenColorIO.Config.CreateFromFile("ocio://default")
 SRGB = BUILTIN.getDefaultDisplay()
@@ -79,6 +83,17 @@ def test_a_view_that_is_none_is_refused_with_those_there_are():
     assert caught.value.subject == "display_view"
     for known in ("tumblin-rushmeier", ACES, f"{SRGB}/Raw"):
         assert f'"{known}"' in caught.value.wanted
+
+
+def test_a_view_on_the_stage_that_is_none_is_told_by_its_attribute():
+    settings = """def RenderSettings "Render" ( prepend apiSchemas = ["IsoluxSolverAPI"] ) {
+        uniform token isolux:displayView = "NAME"
+    }"""
+    metadata = METRES.replace(")", '    renderSettingsPrimPath = "/Render"\n)')
+    with pytest.raises(SettingsError, match=r"^/Render\.isolux:displayView: .*'film'.*sRGB"):
+        settings_from_stage(open_usda(settings.replace("NAME", "film"), metadata))
+    stage = open_usda(settings.replace("NAME", ACES), metadata)
+    assert settings_from_stage(stage).display_view == ACES
 
 
 def test_the_views_are_those_of_the_studios_own_configuration(tmp_path, monkeypatch):
@@ -163,6 +178,51 @@ def test_the_view_changes_display_colour_and_nothing_else(tmp_path):
     assert changed == {f"/World/{name}.primvars:displayColor" for name in "AB"}
     assert as_default.keys() == as_aces.keys()
     assert len(as_default) > 10
+
+
+@pytest.mark.parametrize(
+    "emission",
+    [
+        [[30.0, 20.0, 10.0]],
+        [[0.0, 0.0, 0.0], [30.0, 20.0, 10.0], [0.0, 0.0, 0.0], [5.0, 5.0, 5.0]],
+    ],
+    ids=["the whole mesh", "some faces"],
+)
+@pytest.mark.parametrize("by_face", [False, True])
+def test_a_surface_that_shines_shows_its_own_luminance_too(tmp_path, emission, by_face):
+    reflectance = [[0.5, 0.4, 0.3], [0.5, 0.4, 0.3], [0.1, 0.1, 0.1], [0.5, 0.4, 0.3]]
+    mesh, corner_vertices = grid("/World/Mesh", reflectance=reflectance[: 4 if by_face else 1])
+    mesh = replace(mesh, emission=np.array(emission, np.float32))
+    part = (mesh, corner_vertices)
+    source = source_stage(tmp_path / "room.usda", [part])
+    display = DisplayView(adaptation=40.0)
+    writer = ResultsWriter(source, tmp_path / "out.usda", scene_of([mesh]), {}, display)
+    solution = solution_of([part])
+    writer.write(solution)
+    stage = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    primvars = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/World/Mesh"))
+    primvar = primvars.GetPrimvar("displayColor")
+    stored = np.array(primvar.ComputeFlattened(1))
+    if primvar.GetInterpolation() == "vertex":
+        stored = stored[mesh.face_vertex_indices]
+    faces = np.repeat(np.arange(4), 4)
+    own = np.broadcast_to(mesh.emission, (4, 3))[faces]
+    reflected = np.broadcast_to(mesh.reflectance, (4, 3))[faces] / np.pi
+    luminance = solution.illuminance("/World/Mesh") * reflected + own
+    assert stored == pytest.approx(tone_map(luminance.astype(np.float32), 40.0), abs=1e-5)
+
+
+def test_a_hole_shows_no_emission(tmp_path):
+    part = cube("/World/Mesh", holes=[2])
+    mesh = replace(part[0], emission=np.full((1, 3), 50.0, np.float32))
+    source = source_stage(tmp_path / "room.usda", [part])
+    writer = ResultsWriter(source, tmp_path / "out.usda", scene_of([mesh]), {})
+    writer.write(solution_of([(mesh, part[1])]))
+    stage = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    primvars = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/World/Mesh"))
+    shown = np.array(primvars.GetPrimvar("displayColor").ComputeFlattened(1))
+    assert not shown[part[1] < 0].any()
+    assert shown[part[1] >= 0].all()
 
 
 def test_display_colour_is_the_view_of_the_surfaces_luminance(tmp_path):

@@ -23,6 +23,7 @@ from .output_fields import (
     VertexIlluminance,
     corner_values,
     face_kinds,
+    surface_look,
 )
 from .scene_description import Finding, MeshDescription
 from .solution import LUMINANCE_WEIGHTS, MeshLayout
@@ -151,13 +152,14 @@ class CageOutput:
         self.fit_error = self._noise = 0.0
         self._areas = areas
         corners = MeshCorners.of_authored(mesh, layout)
-        kinds = face_kinds(mesh.reflectance)
-        crease = self._layout(mesh.cage, corners, mesh.reflectance, np.zeros(1, np.int64))
+        look = surface_look(mesh)
+        kinds = face_kinds(look)
+        crease = self._layout(mesh.cage, corners, look, np.zeros(1, np.int64))
         self._layouts = {
             "crease": crease,
             "reflectance": crease
             if len(kinds) == 1
-            else self._layout(mesh.cage, corners, mesh.reflectance, kinds),
+            else self._layout(mesh.cage, corners, look, kinds),
         }
         self._before: dict[str, NDArray[np.float64]] = {}
 

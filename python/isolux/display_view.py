@@ -18,12 +18,10 @@ from numpy.typing import NDArray
 from ._core import tone_map
 from .colour import MIDDLE_GREY, adapted_exposure, middle_grey_luminance
 from .errors import SettingsError
-from .settings import SolverSettings
+from .settings import TUMBLIN_RUSHMEIER, SolverSettings
 
 # (n, 3) float32 luminance, cd/m² by channel, to (n, 3) float32 displayColor.
 Display = Callable[[NDArray[np.float32]], NDArray[np.float32]]
-
-TUMBLIN_RUSHMEIER = "tumblin-rushmeier"
 
 _LINEAR_REC709 = "lin_rec709"  # the built-in configuration's name of it
 _SCENE_INTERCHANGE = "aces_interchange"
@@ -42,7 +40,9 @@ class DisplayView:
 
     def __init__(self, name: str = TUMBLIN_RUSHMEIER, adaptation: float = 0.0) -> None:
         self._adaptation = adaptation
-        self._to_display = None if name == TUMBLIN_RUSHMEIER else _ocio_view(name)
+        self._to_display = None
+        if name != TUMBLIN_RUSHMEIER:
+            self._to_display = [step.getDefaultCPUProcessor() for step in _ocio_view(name)]
 
     @classmethod
     def of(cls, settings: SolverSettings) -> DisplayView:
@@ -71,9 +71,15 @@ class DisplayView:
         return display
 
 
-def _ocio_view(name: str) -> list[Ocio.CPUProcessor]:
+def require_view(name: str) -> None:
+    """Raise SettingsError where `DisplayView` would."""
+    if name != TUMBLIN_RUSHMEIER:
+        _ocio_view(name)
+
+
+def _ocio_view(name: str) -> list[Ocio.Processor]:
     """Steps from scene-linear Rec. 709 to linear Rec. 709 of the display."""
-    wanted = "an OpenColorIO configuration with the role aces_interchange"
+    wanted = f"an OpenColorIO configuration with the role {_SCENE_INTERCHANGE}"
     try:
         builtin = Ocio.Config.CreateFromFile(_BUILTIN)
         chosen = os.environ.get("OCIO")
@@ -87,12 +93,11 @@ def _ocio_view(name: str) -> list[Ocio.CPUProcessor]:
             known = ", ".join(f'"{known}"' for known in (TUMBLIN_RUSHMEIER, *views))
             raise SettingsError("display_view", repr(name), f"one of {known}")
         display, view = views[name]
-        steps = [
+        return [
             builtin.getProcessor(_LINEAR_REC709, _SCENE_INTERCHANGE),
             config.getProcessor(_SCENE_INTERCHANGE, display, view, Ocio.TRANSFORM_DIR_FORWARD),
             *_light_of_display(config, display, view),
         ]
-        return [step.getDefaultCPUProcessor() for step in steps]
     except (Ocio.Exception, Ocio.ExceptionMissingFile) as error:
         raise SettingsError("OCIO", str(error), wanted) from error
 

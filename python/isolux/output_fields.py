@@ -31,7 +31,8 @@ class PrimvarLayout:
     interpolation : "vertex": one value a mesh point; "faceVarying": indices point to the values
     front : (N,) int32, vertex of the solution of each value; -1: no surface there, the value is 0
     back : the same of the mesh's back; None for a one-sided mesh
-    reflectance : (N, 3) or (1, 3) float32, linear Rec. 709, of each value
+    reflectance : (N, 3) or (1, 3) float32, linear Rec. 709, of each value; with the emission
+        behind it (N, 6) or (1, 6), see `surface_look`
     indices : (C,) int32, value of each face corner; None for "vertex"
     """
 
@@ -62,9 +63,14 @@ class PrimvarLayout:
             indirect=_pick(indirect, self.front),
             back=back,
             relative_deviation=_pick(illuminance.relative_deviation, self.front),
-            reflectance=self.reflectance,
+            reflectance=self.reflectance[:, :3],
+            emission=self._emission(),
             display=illuminance.display,
         )
+
+    def _emission(self) -> NDArray[np.float32] | None:
+        emission = self.reflectance[:, 3:]
+        return np.where(self.front[:, None] < 0, 0, emission) if emission.size else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +111,7 @@ class PrimvarValues:
     back : (N, 3) float32, total, lx by channel; None for a one-sided mesh
     relative_deviation : (N,) float32, of the front's total
     reflectance : (N, 3) or (1, 3) float32
+    emission : (N, 3) float32, cd/m^2 by channel, of both sides; None: the mesh doesn't shine
     display : from luminance to displayColor
     """
 
@@ -113,6 +120,7 @@ class PrimvarValues:
     back: NDArray[np.float32] | None
     relative_deviation: NDArray[np.float32]
     reflectance: NDArray[np.float32]
+    emission: NDArray[np.float32] | None
     display: Display
 
     @property
@@ -121,12 +129,14 @@ class PrimvarValues:
 
 
 def _display_colour(values: PrimvarValues) -> NDArray[np.float32]:
-    """The brighter side's luminance ρE/π, for the display: a point has one displayColor."""
+    """The brighter side's luminance ρE/π, and its own: a point has one displayColor."""
     illuminance = values.total
     if values.back is not None:
         back_is_brighter = values.back @ LUMINANCE_WEIGHTS > illuminance @ LUMINANCE_WEIGHTS
         illuminance = np.where(back_is_brighter[:, None], values.back, illuminance)
     luminance = np.multiply(illuminance, values.reflectance / np.pi, dtype=np.float32)
+    if values.emission is not None:
+        luminance += values.emission
     return values.display(luminance)
 
 
@@ -172,7 +182,7 @@ OUTPUT_FIELDS = (
     OutputField(
         "displayColor",
         "1",
-        "luminance of the diffuse surface, its brighter side, as the display shows it",
+        "luminance of the surface, its brighter side, as the display shows it",
         "reflectance",
         _display_colour,
     ),
@@ -223,7 +233,7 @@ class MeshOutput:
     """The primvars of one mesh, stage after stage on the same layouts.
 
     path : prim path
-    reflectance : (F, 3) or (1, 3) float32, linear Rec. 709, of its authored faces
+    reflectance : (F, 3), (1, 3), (F, 6) or (1, 6) float32, `surface_look` of its authored faces
     corners : where to write
     """
 
@@ -242,6 +252,19 @@ class MeshOutput:
         values = {split: layout.gather(illuminance) for split, layout in self._layouts.items()}
         for field in OUTPUT_FIELDS:
             yield field, self._layouts[field.split], field.values(values[field.split])
+
+
+def surface_look(mesh: MeshDescription) -> NDArray[np.float32]:
+    """What displayColor shows of a mesh besides its illuminance, a row a face.
+
+    returns : (F, 3) or (1, 3) float32, the reflectance; (F, 6) or (1, 6) where the mesh shines:
+        behind it the emission, cd/m^2 by channel
+    """
+    if mesh.emission is None:
+        return mesh.reflectance
+    rows = max(len(mesh.reflectance), len(mesh.emission))
+    parts = [np.broadcast_to(part, (rows, 3)) for part in (mesh.reflectance, mesh.emission)]
+    return np.hstack(parts)
 
 
 def face_kinds(reflectance: NDArray[np.float32]) -> NDArray[np.int64]:

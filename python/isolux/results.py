@@ -36,6 +36,7 @@ from .output_fields import (
     OutputField,
     PrimvarLayout,
     VertexIlluminance,
+    surface_look,
 )
 from .refined_cage import RefinedCageTopology
 from .refined_results import write_refined_mesh
@@ -200,7 +201,7 @@ class ResultsWriter:
                     self._meshes[mesh.path] = CageOutput(mesh, layout, solution.vertex_areas)
                     continue
                 corners = MeshCorners.of_authored(mesh, layout)
-                self._meshes[mesh.path] = MeshOutput(mesh.path, mesh.reflectance, corners)
+                self._meshes[mesh.path] = MeshOutput(mesh.path, surface_look(mesh), corners)
                 self._write_shape(mesh)
             self._adaptation = SceneAdaptation(self._scene.meshes, solution.layouts)
         stage = VertexIlluminance(
@@ -322,7 +323,7 @@ class ResultsWriter:
             if mesh.path in topologies:
                 self._write_refined_mesh(mesh, topologies[mesh.path])
                 corners = MeshCorners.of_refined(topologies[mesh.path])
-                output = MeshOutput(mesh.path, mesh.reflectance, corners)
+                output = MeshOutput(mesh.path, surface_look(mesh), corners)
                 self._meshes[mesh.path] = output
                 for stage in self._stages:
                     self._write_primvars(output, stage)

@@ -21,6 +21,9 @@ FilterInterval = Literal["corrected", "paper"]
 Method = Literal["auto", "composite", "dept", "ddl+idept", "ddl+hpr"]
 OutputMode = Literal["vertex", "refined"]
 
+# The value of display_view that needs no OpenColorIO.
+TUMBLIN_RUSHMEIER = "tumblin-rushmeier"
+
 
 def _number(default: float, minimum: float, maximum: float = math.inf) -> Any:
     return field(default=default, metadata={"minimum": minimum, "maximum": maximum})
@@ -72,7 +75,7 @@ class SolverSettings:
     subdivision_iterations: int = _number(3, 0, 8)
     surface_level: int = _number(2, 0, 6)
     crease_angle: float = _number(40.0, 0.0, 180.0)
-    display_view: str = "tumblin-rushmeier"
+    display_view: str = TUMBLIN_RUSHMEIER
     display_adaptation: float = _number(0.0, 0.0)
     threads: int = _number(0, 0)
 
@@ -129,8 +132,8 @@ def settings_from_stage(stage: Usd.Stage) -> SolverSettings:
     """Settings on the RenderSettings prim that the stage's renderSettingsPrimPath names.
 
     Defaults where the stage names none, or one without IsoluxSolverAPI. Raises SettingsError,
-    naming the attribute, for a value out of its range or one authored without IsoluxSolverAPI,
-    and where the named prim is missing.
+    naming the attribute, for a value out of its range, a view that is not there or one authored
+    without IsoluxSolverAPI, and where the named prim is missing.
     """
     require_schema()
     path = stage.GetMetadata("renderSettingsPrimPath")
@@ -157,7 +160,12 @@ def settings_from_stage(stage: Usd.Stage) -> SolverSettings:
     values = {name: attribute.Get() for name, attribute in attributes.items()}
     try:
         # A blocked attribute has no value: the default holds.
-        return SolverSettings(**{name: v for name, v in values.items() if v is not None})
+        settings = SolverSettings(**{name: v for name, v in values.items() if v is not None})
+        if settings.display_view != TUMBLIN_RUSHMEIER:
+            from .display_view import require_view  # not without need: it loads OpenColorIO
+
+            require_view(settings.display_view)
+        return settings
     except SettingsError as error:
         attribute = attributes.get(error.subject)
         subject = str(attribute.GetPath()) if attribute else f"{path}: {error.subject}"

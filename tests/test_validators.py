@@ -165,6 +165,18 @@ def test_settings_that_lead_nowhere_are_an_error(path):
     assert complaints(lit(PLAIN, ""), metadata) == expected
 
 
+@pytest.mark.parametrize(
+    "setting",
+    [
+        "uniform double isolux:targetError = 0",  # and no other budget
+        'uniform token isolux:displayView = "film"',
+    ],
+)
+def test_settings_that_the_solver_refuses_are_an_error(setting):
+    expected = [("Error", "RenderSettings.UnusableSettings", "/")]
+    assert complaints(lit(SETTINGS, setting), IN_USE) == expected
+
+
 @pytest.mark.parametrize("metres_per_unit", ["0.01", "100"])
 def test_a_room_of_centimetres_or_of_hundreds_of_metres_is_doubted(metres_per_unit):
     metadata = METRES.replace("1\n", f"{metres_per_unit}\n")

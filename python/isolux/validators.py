@@ -19,6 +19,7 @@ from .photometry import LARGEST_FILE, inline_diagram, luminous_flux, read_photom
 from .plugin_registration import LUMINAIRE_API, SOLVER_API
 from .reading_context import read_asset
 from .scene_description import GoniometricDiagram
+from .settings import settings_from_stage
 
 # Largest extent of a place that is lit, m: of a showcase, of a stadium. A room in the wrong unit,
 # centimetres for metres or the other way, lies beyond.
@@ -138,6 +139,11 @@ def check_render_settings(stage: Usd.Stage) -> Iterator[_Finding]:
     if path and not UsdRender.Settings.GetStageRenderSettings(stage):
         message = f'renderSettingsPrimPath = "{path}" names no RenderSettings prim'
         yield "NoRenderSettings", "Error", "", message
+        return
+    try:
+        settings_from_stage(stage)
+    except IsoluxError as error:
+        yield "UnusableSettings", "Error", "", f"the solver refuses {error}"
 
 
 def check_photometric_file(prim: Usd.Prim) -> Iterator[_Finding]:

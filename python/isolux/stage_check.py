@@ -85,15 +85,20 @@ def _validate(stage: Usd.Stage) -> list[_Told]:
     validators = registry.GetOrLoadValidatorsByName(names)
     try:
         return _run(stage, validators)
-    except Tf.ErrorException:  # on stages that are broken: find out which
+    except Exception:  # a validator that fails takes all with it: find out which
         for validator in validators:
             try:
                 told += _run(stage, [validator])
-            except Tf.ErrorException as error:
-                reason = error.args[0].commentary if error.args else "no reason given"
+            except Exception as error:
                 name = validator.GetMetadata().name
-                told.append(("error", name, "/", f"could not finish: {reason}"))
+                told.append(("error", name, "/", f"could not finish: {_reason(error)}"))
     return told
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, Tf.ErrorException) and error.args:
+        return str(error.args[0].commentary)
+    return str(error)
 
 
 def _run(stage: Usd.Stage, validators: Sequence[UsdValidation.Validator]) -> list[_Told]:
@@ -125,18 +130,21 @@ def _place(error: UsdValidation.ValidationError) -> str:
 
 
 def _grouped(told: Sequence[_Told]) -> StageCheck:
-    groups: dict[tuple[Severity, str], list[tuple[str, str]]] = {}
+    groups: dict[tuple[Severity, str, str], list[tuple[str, str]]] = {}
     left_out: dict[str, int] = {}
     for severity, name, path, message in told:
         reason = _LEFT_OUT_MESSAGES.get(name)
         if reason:
             left_out[reason] = left_out.get(reason, 0) + 1
         else:
-            groups.setdefault((severity, name), []).append((path, " ".join(message.split())))
+            message = " ".join(message.split())
+            # Those of the whole stage are told apart by their words alone.
+            words = message if path == "/" else ""
+            groups.setdefault((severity, name, words), []).append((path, message))
     complaints = []
-    for (severity, name), sites in groups.items():
+    for (severity, name, _), sites in groups.items():
         sites.sort()  # validators run side by side, in no order
-        paths = tuple(path for path, _ in sites)
+        paths = tuple(dict.fromkeys(path for path, _ in sites))
         complaints.append(Complaint(severity, name, paths, sites[0][1]))
-    complaints.sort(key=lambda row: (_ORDER.index(row.severity), row.name))
+    complaints.sort(key=lambda row: (_ORDER.index(row.severity), row.name, row.paths))
     return StageCheck(tuple(complaints), left_out)

@@ -82,7 +82,7 @@ def findings_table(findings: Iterable[Finding]) -> Table:
 
 def complaint_table(complaints: Iterable[Complaint]) -> Table:
     """What validators say: a row for each kind of message, with the first of its prims."""
-    table = _table("severity", "validator", "#times", "first of them", "message")
+    table = _table("severity", "validator", "#prims", "first of them", "message")
     for row in complaints:
         more = ", …" if len(row.paths) > _SHOWN_PATHS else ""
         shown = ", ".join(row.paths[:_SHOWN_PATHS]) + more

@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdRender, UsdValidation
+from numpy.typing import NDArray
+from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdRender, UsdValidation, Vt
 
 from .errors import IsoluxError, PhotometryError
 from .photometry import LARGEST_FILE, inline_diagram, luminous_flux, read_photometric_bytes
 from .plugin_registration import LUMINAIRE_API, SOLVER_API
 from .reading_context import read_asset
-from .scene_description import GoniometricDiagram
 from .settings import settings_from_stage
 
 # Largest extent of a place that is lit, m: of a showcase, of a stadium. A room in the wrong unit,
@@ -87,6 +88,13 @@ def _number(prim: Usd.Prim, name: str, fallback: float) -> float:
     return float(value) if isinstance(value, int | float) else fallback
 
 
+def _numbers(prim: Usd.Prim, name: str) -> NDArray[np.float64]:
+    """None where the attribute has another type, of which USD's own validators tell."""
+    value = _value(prim, name)
+    is_array = isinstance(value, Vt.FloatArray | Vt.DoubleArray)
+    return np.array(value, np.float64) if is_array else np.zeros(0)
+
+
 def _has_api(prim: Usd.Prim, name: str) -> bool:
     return name in prim.GetPrimTypeInfo().GetAppliedAPISchemas()
 
@@ -147,46 +155,42 @@ def check_render_settings(stage: Usd.Stage) -> Iterator[_Finding]:
 
 
 def check_photometric_file(prim: Usd.Prim) -> Iterator[_Finding]:
-    for finding, _ in _photometry(prim):
-        if finding:
-            yield finding
+    yield from _photometry(prim)[0]
 
 
-def _photometry(
-    prim: Usd.Prim,
-) -> Iterator[tuple[_Finding | None, GoniometricDiagram | None]]:
-    """What is wrong with a light's photometry, and the diagram that it has."""
+def _photometry(prim: Usd.Prim) -> tuple[list[_Finding], float]:
+    """What is wrong with a light's diagram, and its luminous flux, lm; 0 where it has none."""
     is_absolute = _has_api(prim, LUMINAIRE_API)
-    gamma, c_angles, candela = (
-        np.array(_value(prim, f"inputs:isolux:{name}") or [], np.float64) for name in _DIAGRAM
-    )
+    gamma, c_angles, candela = (_numbers(prim, f"inputs:isolux:{name}") for name in _DIAGRAM)
     if is_absolute and (len(gamma) or len(c_angles) or len(candela)):
         try:
-            yield None, inline_diagram(gamma, c_angles, candela, str(prim.GetPath()))
+            return [], luminous_flux(inline_diagram(gamma, c_angles, candela, ""))
         except PhotometryError as error:
             message = f"found {error.found}; wanted {error.wanted}"
-            yield ("UnusableDiagram", "Error", "inputs:isolux:candela", message), None
-        return
+            return [("UnusableDiagram", "Error", "inputs:isolux:candela", message)], 0.0
     for name in (_FILE, _PROFILE) if is_absolute else (_PROFILE,):
         asset = _value(prim, name)
-        if not isinstance(asset, Sdf.AssetPath) or not asset.path:
-            continue
-        contents = read_asset(asset, LARGEST_FILE + 1)
-        if contents is None:
-            yield ("MissingFile", "Error", name, f"no file {asset.path}"), None
-            return
-        try:
-            photometric = read_photometric_bytes(contents, asset.path)
-        except IsoluxError as error:
-            yield ("UnreadableFile", "Error", name, str(error)), None
-            return
-        yield None, photometric.diagram
-        for warning in photometric.warnings:
-            yield ("DoubtfulFile", "Warn", name, f"{asset.path}: {warning}"), None
-        return
+        if isinstance(asset, Sdf.AssetPath) and asset.path:
+            contents = read_asset(asset, LARGEST_FILE + 1)
+            if contents is None:
+                return [("MissingFile", "Error", name, f"no file {asset.path}")], 0.0
+            findings, flux = _file_photometry(contents, asset.path)
+            return [(kind, severity, name, told) for kind, severity, told in findings], flux
     if is_absolute and _number(prim, "inputs:isolux:luminousFlux", 0.0) == 0:
         message = f"{LUMINAIRE_API} without a file, an inline diagram or a luminous flux"
-        yield ("NoPhotometry", "Error", "", message), None
+        return [("NoPhotometry", "Error", "", message)], 0.0
+    return [], 0.0
+
+
+@lru_cache(maxsize=16)  # thousands of lights share a handful of files
+def _file_photometry(contents: bytes, path: str) -> tuple[list[tuple[str, str, str]], float]:
+    """Name, severity and message of what is wrong; luminous flux, lm."""
+    try:
+        photometric = read_photometric_bytes(contents, path)
+    except IsoluxError as error:
+        return [("UnreadableFile", "Error", str(error))], 0.0
+    doubts = [("DoubtfulFile", "Warn", f"{path}: {told}") for told in photometric.warnings]
+    return doubts, luminous_flux(photometric.diagram)
 
 
 def check_luminaire_flux(prim: Usd.Prim) -> Iterator[_Finding]:
@@ -208,16 +212,11 @@ def check_luminaire_flux(prim: Usd.Prim) -> Iterator[_Finding]:
 
 
 def _check_absolute_flux(prim: Usd.Prim) -> Iterator[_Finding]:
-    flux = _number(prim, "inputs:isolux:luminousFlux", 0.0)
-    attribute = "inputs:isolux:luminousFlux"
-    if flux == 0:
-        diagram = next((diagram for _, diagram in _photometry(prim) if diagram), None)
-        if diagram is None or len(diagram.gamma) < 2:
-            return
-        flux = float(luminous_flux(diagram))
-        attribute = ""
+    declared = _number(prim, "inputs:isolux:luminousFlux", 0.0)
+    flux = declared or _photometry(prim)[1]
     flux *= _number(prim, "inputs:isolux:dimming", 1.0)
-    if not LEAST_FLUX <= flux <= MOST_FLUX and math.isfinite(flux) and flux > 0:
+    if (0 < flux < LEAST_FLUX or flux > MOST_FLUX) and math.isfinite(flux):
+        attribute = "inputs:isolux:luminousFlux" if declared else ""
         message = f"its luminous flux is {flux:.3g} lm, that of no luminaire"
         yield "ImplausibleFlux", "Warn", attribute, message
 

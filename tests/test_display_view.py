@@ -7,13 +7,17 @@ import PyOpenColorIO
 import pytest
 from isolux._core import adaptation_luminance, tone_map
 from pxr import Sdf, Usd, UsdGeom
+from typer.testing import CliRunner
 
 from hand_built import cube, grid, scene_of, solution_of, source_stage
+from isolux.cli import ExitCode, app
 from isolux.colour import adapted_exposure, display_colours
 from isolux.display_view import DisplayView
 from isolux.errors import SettingsError
+from isolux.report import read_report
 from isolux.results import ResultsWriter
 from isolux.settings import settings_from_stage
+from small_room import write_room
 from usda_stage import METRES, open_usda
 
 BUILTIN = PyOpenColorIO.Config.CreateFromFile("ocio://default")
@@ -238,3 +242,28 @@ def test_display_colour_is_the_view_of_the_surfaces_luminance(tmp_path):
     luminance = solution.illuminance("/World/Mesh") * part[0].reflectance / np.pi
     picture = display_colours(luminance.astype(np.float32)[None], adapted_exposure(40.0))[0]
     assert 255 * srgb_encoded(stored) == pytest.approx(picture, abs=0.6)
+
+
+@pytest.mark.parametrize("where", ["option", "stage"])
+def test_the_command_refuses_a_view_that_is_none_before_it_reads(tmp_path, monkeypatch, where):
+    monkeypatch.chdir(tmp_path)
+    on_stage = where == "stage"
+    settings = 'uniform token isolux:displayView = "film"' if on_stage else ""
+    write_room(tmp_path / "room.usda", settings)
+    option = [] if on_stage else ["--display-view", "film"]
+    result = CliRunner().invoke(app, ["solve", "room.usda", "--photons", "100", *option])
+    assert result.exit_code == ExitCode.USAGE
+    assert ACES in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["room.usda"]
+
+
+def test_the_command_records_its_view(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_room(tmp_path / "room.usda")
+    options = ["--photons", "1000", "--display-view", ACES, "-o", "out.usdc", "--preview"]
+    result = CliRunner().invoke(app, ["solve", "room.usda", *options])
+    assert result.exit_code == ExitCode.DONE, result.stderr
+    provenance, _ = read_report(tmp_path / "out.usdc")
+    assert provenance["settings"]["display_view"] == ACES
+    assert "preview: out.preview.usdc\n" in result.stdout
+    assert Usd.Stage.Open(str(tmp_path / "out.preview.usdc")).GetPrimAtPath("/World/Floor")

@@ -162,9 +162,9 @@ def settings_from_stage(stage: Usd.Stage) -> SolverSettings:
         # A blocked attribute has no value: the default holds.
         settings = SolverSettings(**{name: v for name, v in values.items() if v is not None})
         if settings.display_view != TUMBLIN_RUSHMEIER:
-            from .display_view import require_view  # not without need: it loads OpenColorIO
+            from .ocio_view import view_steps  # not without need: it loads OpenColorIO
 
-            require_view(settings.display_view)
+            view_steps(settings.display_view)  # raises where there is none
         return settings
     except SettingsError as error:
         attribute = attributes.get(error.subject)

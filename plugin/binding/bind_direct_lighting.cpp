@@ -1,5 +1,8 @@
 // Deterministic direct lighting at points.
+#include <optional>
 #include <stdexcept>
+
+#include <nanobind/stl/optional.h>
 
 #include "binding/arrays.h"
 #include "core/direct_lighting.h"
@@ -11,22 +14,27 @@ using namespace isolux::binding;
 
 namespace {
 
-std::vector<Receiver> receivers_of(const In3<double>& positions, const In3<float>& normals) {
+std::vector<Receiver> receivers_of(const In3<double>& positions, const In3<float>& normals,
+                                   const std::optional<In1<std::int32_t>>& meshes) {
     const auto p = view(positions);
     const auto n = view(normals);
     if (p.size() != n.size()) {
         throw std::invalid_argument("positions and normals differ in length");
     }
+    if (meshes && meshes->size() != p.size()) {
+        throw std::invalid_argument("positions and meshes differ in length");
+    }
     std::vector<Receiver> out(p.size());
     for (std::size_t i = 0; i < out.size(); ++i) {
-        out[i] = {p[i], n[i]};
+        out[i] = {p[i], n[i], meshes ? (*meshes)(i) : -1};
     }
     return out;
 }
 
 nb::dict illuminate(const DirectLighting& self, const In3<double>& positions,
-                    const In3<float>& normals, const In1<float>& indirect, int threads) {
-    const auto receivers = receivers_of(positions, normals);
+                    const In3<float>& normals, const In1<float>& indirect, int threads,
+                    const std::optional<In1<std::int32_t>>& meshes) {
+    const auto receivers = receivers_of(positions, normals, meshes);
     if (indirect.size() != 0 && indirect.size() != receivers.size()) {
         throw std::invalid_argument("positions and indirect differ in length");
     }
@@ -54,10 +62,13 @@ void bind_direct_lighting(nb::module_& module) {
             },
             "scene"_a, "seed"_a, "accuracy"_a, nb::keep_alive<1, 2>(),
             "accuracy : error relative to the total illuminance at which shadow rays stop")
-        .def("illuminate", &illuminate, "positions"_a, "normals"_a, "indirect"_a, "threads"_a,
-             "positions : (R, 3) float64, metres, world space\n"
-             "normals : (R, 3) float32, unit, on the side that receives\n"
-             "indirect : (R,) float32, lx, photometric, or empty\n"
-             "returns : dict of illuminance (R, 3) float32, lx by channel; standard_error (R,) "
-             "float32, lx; shadow_rays");
+        .def(
+            "illuminate", &illuminate, "positions"_a, "normals"_a, "indirect"_a, "threads"_a,
+            "meshes"_a.none() = nb::none(),
+            "positions : (R, 3) float64, metres, world space\n"
+            "normals : (R, 3) float32, unit, on the side that receives\n"
+            "indirect : (R,) float32, lx, photometric, or empty\n"
+            "meshes : (R,) int32, of the scene, for light links; None: every luminaire lights all\n"
+            "returns : dict of illuminance (R, 3) float32, lx by channel; standard_error (R,) "
+            "float32, lx; shadow_rays");
 }

@@ -48,6 +48,14 @@ nb::dict wanted_samples(MeshRefinement& self) {
     return out;
 }
 
+Out<std::int32_t> wanted_meshes(MeshRefinement& self) {
+    std::vector<std::int32_t> out;
+    for (const std::int32_t sample : self.wanted_samples()) {
+        out.push_back(self.sample(sample).receiver.mesh);
+    }
+    return hand_over(std::move(out));
+}
+
 nb::dict mesh(const MeshRefinement& self) {
     const auto& elements = self.mesh().elements();
     const auto& splits = self.mesh().split_vertices();
@@ -119,6 +127,7 @@ void bind_mesh_refinement(nb::module_& module) {
             "regional : (V, 3) float32, lx by channel, direct light around each vertex by photons, "
             "or (0, 3)\n"
             "regional_deviation : (V,) float32, its relative deviation, or (0,)")
+        .def("wanted_meshes", &wanted_meshes, "returns : (R,) int32, mesh of each wanted sample")
         .def("wanted_samples", &wanted_samples,
              "Receivers whose direct light is wanted next; none: ready to split.\n\n"
              "returns : dict of positions (n, 3) float64, m; normals (n, 3) float32; indirect (n,) "

@@ -1,4 +1,5 @@
 // Hierarchical progressive radiosity.
+#include <algorithm>
 #include <stdexcept>
 
 #include "binding/arrays.h"
@@ -20,6 +21,13 @@ nb::tuple receivers(const ProgressiveRadiosity& self) {
         normals[i] = leaves[i].normal;
     }
     return nb::make_tuple(hand_over(std::move(positions)), hand_over(std::move(normals)));
+}
+
+Out<std::int32_t> receiver_meshes(const ProgressiveRadiosity& self) {
+    const auto leaves = self.receivers();
+    std::vector<std::int32_t> out(leaves.size());
+    std::ranges::transform(leaves, out.begin(), &Receiver::mesh);
+    return hand_over(std::move(out));
 }
 
 void begin(ProgressiveRadiosity& self, const In3<float>& direct) {
@@ -83,6 +91,7 @@ void bind_progressive_radiosity(nb::module_& module) {
         .def("receivers", &receivers,
              "returns : positions (L, 3) float64, m, and normals (L, 3) float32 of the leaves: "
              "where direct light is wanted")
+        .def("receiver_meshes", &receiver_meshes, "returns : (L,) int32, mesh of each receiver")
         .def("begin", &begin, "direct"_a,
              "direct : (L, 3) float32, lx by channel, at the receivers\n"
              "Forgets what was shot before.")

@@ -97,7 +97,8 @@ void bind_ray_caster(nb::module_& module) {
                 if (opacity && a.size() != triangles.shape(0)) {
                     throw std::invalid_argument("opacity wants one entry a triangle");
                 }
-                new (self) RayCaster(view(points), rows(triangles), {a.begin(), a.end()}, threads);
+                new (self)
+                    RayCaster({view(points), rows(triangles), {a.begin(), a.end()}}, threads);
             },
             "points"_a, "triangles"_a, "threads"_a = -1, "opacity"_a.none() = nb::none(),
             "points : (V, 3) float64, metres, world space\n"

@@ -48,7 +48,8 @@ class SceneBuilder {
 
     void add_luminaire(const std::string& shape, const In1<double>& origin, const In3<double>& axes,
                        const In1<double>& size, const In1<double>& colour, double luminous_flux,
-                       const std::shared_ptr<const CandelaDistribution>& diagram) {
+                       const std::shared_ptr<const CandelaDistribution>& diagram,
+                       const std::shared_ptr<const MeshLinks>& links) {
         const auto o = view(origin);
         const auto a = view(axes);
         const auto s = view(size);
@@ -79,7 +80,8 @@ class SceneBuilder {
                                a[2],
                                Vec3d{c[0], c[1], c[2]}.as<float>(),
                                luminous_flux,
-                               diagram});
+                               diagram,
+                               links});
     }
 
     std::unique_ptr<Scene> build(int threads) {
@@ -111,6 +113,8 @@ nb::dict ends(const PhotonBuckets& buckets) {
     out["back_absorbed"] = e.back_absorbed;
     out["escaped"] = e.escaped;
     out["back_hits"] = e.back_hits;
+    out["split"] = e.split;
+    out["unlit"] = e.unlit;
     return out;
 }
 
@@ -190,6 +194,7 @@ void bind_solver(nb::module_& module) {
     nb::class_<Scene>(module, "Scene", "An immutable scene, its ray tracing tree built.")
         .def_prop_ro("luminous_flux", &Scene::luminous_flux, "lm, of all luminaires")
         .def_prop_ro("coloured", &Scene::coloured)
+        .def_prop_ro("linked", &Scene::linked, "whether some luminaire has light links")
         .def_prop_ro("element_count", [](const Scene& s) { return s.mesh().elements.size(); })
         .def_prop_ro("vertex_count", [](const Scene& s) { return s.mesh().positions.size(); })
         .def_prop_ro(
@@ -217,9 +222,32 @@ void bind_solver(nb::module_& module) {
             [](const Scene& s) { return hand_over(std::vector(s.mesh().normals)); },
             nb::rv_policy::automatic,
             "(V, 3) float32, unit, on the side that the vertex stands for")
+        .def_prop_ro(
+            "vertex_meshes",
+            [](const Scene& s) {
+                std::vector<std::int32_t> out(s.mesh().positions.size());
+                for (std::size_t m = 0; m < s.mesh().meshes.size(); ++m) {
+                    const MeshRange& range = s.mesh().meshes[m];
+                    std::fill(out.begin() + range.front_begin, out.begin() + range.back_end,
+                              static_cast<std::int32_t>(m));
+                }
+                return hand_over(std::move(out));
+            },
+            nb::rv_policy::automatic, "(V,) int32, number of each vertex's mesh")
         .def_prop_ro("mesh_ranges", &mesh_ranges,
                      "of each mesh: (front begin, front end = back begin, back end, "
                      "corner_vertices (C,) int32 from the range's begin, -1 at holes)");
+
+    nb::class_<MeshLinks>(module, "MeshLinks", "Light and shadow links of a luminaire.")
+        .def(
+            "__init__",
+            [](MeshLinks* self, const In1<std::uint8_t>& lit, const In1<std::uint8_t>& shadow) {
+                const auto l = view(lit), s = view(shadow);
+                new (self) MeshLinks({l.begin(), l.end()}, {s.begin(), s.end()});
+            },
+            "lit"_a, "shadow"_a,
+            "lit, shadow : (M,) uint8, of each mesh whether it receives the luminaire's light and "
+            "whether it stands in it");
 
     nb::class_<SceneBuilder>(module, "SceneBuilder", "Takes meshes and luminaires, gives a Scene.")
         .def(nb::init<double>(), "crease_angle"_a, "crease_angle : rad")
@@ -229,7 +257,7 @@ void bind_solver(nb::module_& module) {
              "As isolux.scene_description.MeshDescription; opacity in (0, 1].")
         .def("add_luminaire", &SceneBuilder::add_luminaire, "shape"_a, "origin"_a, "axes"_a,
              "size"_a, "colour"_a, "luminous_flux"_a, "diagram"_a.none(),
-             "As isolux.scene_description.LuminaireDescription.")
+             "links"_a.none() = nb::none(), "As isolux.scene_description.LuminaireDescription.")
         .def("build", &SceneBuilder::build, "threads"_a, "Once; the builder is empty afterwards.");
 
     nb::class_<PhotonBuckets>(module, "PhotonBuckets",

@@ -61,11 +61,17 @@ double mean_illuminance(const Scene& scene) {
 } // namespace
 
 DirectLighting::DirectLighting(const Scene& scene, const DirectLightingSettings& settings)
-    : scene_(scene), settings_(settings),
-      luminaires_(scene.luminaires().begin(), scene.luminaires().end()),
-      mean_illuminance_(mean_illuminance(scene)) {
-    if (luminaires_.size() > kFewLuminaires) {
-        tree_.emplace(luminaires_);
+    : scene_(scene), settings_(settings), mean_illuminance_(mean_illuminance(scene)) {
+    for (const bool linked : {false, true}) {
+        for (const Luminaire& luminaire : scene.luminaires()) {
+            if ((luminaire.links != nullptr) == linked) {
+                luminaires_.emplace_back(luminaire);
+            }
+        }
+        if (!linked && luminaires_.size() > kFewLuminaires) {
+            tree_.emplace(luminaires_);
+            in_tree_ = luminaires_.size();
+        }
     }
 }
 
@@ -165,10 +171,11 @@ DirectLighting::Gathering::Found DirectLighting::Gathering::gather(const Receive
     candidates_.clear();
     if (lighting_.tree_) {
         add_clusters();
-    } else {
-        for (std::size_t i = 0; i < lighting_.luminaires_.size(); ++i) {
-            add(static_cast<std::int32_t>(i), lighting_.luminaires_[i].unoccluded(receiver),
-                nullptr, {});
+    }
+    for (std::size_t i = lighting_.in_tree_; i < lighting_.luminaires_.size(); ++i) {
+        const LuminaireIlluminance& light = lighting_.luminaires_[i];
+        if (light.luminaire().lights(receiver.mesh)) {
+            add(static_cast<std::int32_t>(i), light.unoccluded(receiver), nullptr, {});
         }
     }
     cast();
@@ -310,7 +317,8 @@ void DirectLighting::Gathering::cast() {
                 const Vec3f at = (sample.point - caster.origin()).as<float>();
                 const Vec3f direction = normalize(from - at);
                 const Vec3f away = direction + plane * std::copysign(1.0F, dot(direction, plane));
-                rays_.push_back({from, at + away * caster.offset(at, 0.0F) - from});
+                rays_.push_back({from, at + away * caster.offset(at, 0.0F) - from, 0.0F,
+                                 light.luminaire().shadow_meshes()});
                 probes_.push_back({i, sample.weight});
             }
         }

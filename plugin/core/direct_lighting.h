@@ -34,7 +34,7 @@ class DirectLighting {
 
     // indirect : lx, photometric, one a receiver or none: light from elsewhere, beside which small
     //     errors of direct light don't show
-    // A receiver's outcome depends on its position, normal and indirect light alone.
+    // A receiver's outcome depends on its position, normal, mesh and indirect light alone.
     DirectIllumination illuminate(std::span<const Receiver> receivers,
                                   std::span<const float> indirect, int threads) const;
 
@@ -46,9 +46,10 @@ class DirectLighting {
 
     const Scene& scene_;
     DirectLightingSettings settings_;
-    std::vector<LuminaireIlluminance> luminaires_;
-    std::optional<LightTree> tree_; // of many luminaires
-    double mean_illuminance_;       // lx, if all light arrived
+    std::vector<LuminaireIlluminance> luminaires_; // those with light or shadow links last
+    std::optional<LightTree> tree_;                // of many luminaires, without links
+    std::size_t in_tree_ = 0;                      // the first of luminaires_
+    double mean_illuminance_;                      // lx, if all light arrived
 };
 
 } // namespace isolux

@@ -103,8 +103,9 @@ void RecordTracer::trace(const Receiver& receiver, std::uint32_t rays, GatherRec
             const Vec3f normal = normalize(point.normal);
             const Vec3f lifted =
                 point.position + normal * caster.offset(point.position, hit.distance);
-            record.near_hits.push_back(near_hit({lifted.as<double>() + caster.origin(), normal},
-                                                point.surface->reflectance, random));
+            record.near_hits.push_back(
+                near_hit({lifted.as<double>() + caster.origin(), normal, point.surface->mesh},
+                         point.surface->reflectance, random));
             point.vertex = -1 - static_cast<std::int32_t>(record.near_hits.size());
         }
         record.hits.push_back(point.vertex);
@@ -136,7 +137,8 @@ Vec3f RecordTracer::direct_illuminance(const Receiver& at, PhotonRandom& random)
             candidates[k] = static_cast<std::size_t>(&chosen - scene_.luminaires().data());
             share = scene_.luminous_flux() / (chosen.luminous_flux * kCandidates);
         }
-        weights[k] = luminaires_[candidates[k]].unoccluded(at) * share;
+        const LuminaireIlluminance& luminaire = luminaires_[candidates[k]];
+        weights[k] = luminaire.luminaire().lights(at.mesh) ? luminaire.unoccluded(at) * share : 0.0;
         sum += weights[k];
     }
     double u = random.next_double() * sum;
@@ -155,7 +157,8 @@ Vec3f RecordTracer::direct_illuminance(const Receiver& at, PhotonRandom& random)
     if (sample.weight <= 0.0) {
         return {};
     }
-    const float visible = scene_.ray_caster().transmitted(Ray{from, to * (1.0F - 0x1p-12F)});
+    const float visible = scene_.ray_caster().transmitted(
+        {from, to * (1.0F - 0x1p-12F), 0.0F, luminaire.luminaire().shadow_meshes()});
     return luminaire.luminaire().colour * (static_cast<float>(sum) * visible);
 }
 

@@ -276,6 +276,11 @@ std::vector<Receiver> vertex_receivers(const IlluminationMesh& mesh) {
         const double area = mesh.areas[v];
         out[v] = {area > 0.0 ? p + (middles[v] * (1.0 / area) - p) * kInset : p, mesh.normals[v]};
     }
+    for (std::size_t m = 0; m < mesh.meshes.size(); ++m) {
+        for (std::int32_t v = mesh.meshes[m].front_begin; v < mesh.meshes[m].back_end; ++v) {
+            out[v].mesh = static_cast<std::int32_t>(m);
+        }
+    }
 
     // The middle lies within a convex body: lifted in front of all elements around.
     constexpr double kLeastCosine = 0.1; // between vertex and element; bounds the lift

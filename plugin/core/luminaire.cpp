@@ -1,6 +1,7 @@
 #include "core/luminaire.h"
 
 #include <cmath>
+#include <stdexcept>
 
 #include "core/sampling.h"
 
@@ -74,6 +75,16 @@ Emission Luminaire::sample_emission(PhotonRandom& random) const {
             return Emission{position + to_world(origin), to_world(direction)};
         },
         shape);
+}
+
+MeshLinks::MeshLinks(std::vector<std::uint8_t> lit_meshes, std::vector<std::uint8_t> shadow_meshes)
+    : lit(std::move(lit_meshes)), shadow(std::move(shadow_meshes)), met(lit) {
+    if (lit.size() != shadow.size()) {
+        throw std::invalid_argument("lit and shadow want one entry a mesh");
+    }
+    for (std::size_t i = 0; i < met.size(); ++i) {
+        met[i] |= shadow[i];
+    }
 }
 
 } // namespace isolux

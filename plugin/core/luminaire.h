@@ -6,8 +6,10 @@
 // alone, L(omega), is exact: I(omega) = L(omega) * projected area.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <variant>
+#include <vector>
 
 #include "core/candela_distribution.h"
 #include "core/random.h"
@@ -44,6 +46,16 @@ struct Emission {
     Vec3d origin, direction; // world space, m; direction of unit length
 };
 
+// Light and shadow links, one entry a mesh. They tell of light straight from the luminaire alone:
+// what a lit surface reflects goes everywhere.
+struct MeshLinks {
+    std::vector<std::uint8_t> lit;    // it receives the luminaire's light
+    std::vector<std::uint8_t> shadow; // it stands in the luminaire's light
+    std::vector<std::uint8_t> met;    // one of both
+
+    MeshLinks(std::vector<std::uint8_t> lit_meshes, std::vector<std::uint8_t> shadow_meshes);
+};
+
 struct Luminaire {
     LuminaireShape shape;
     Vec3d position;                                     // world space, m
@@ -51,6 +63,12 @@ struct Luminaire {
     Vec3f colour;                                       // linear Rec. 709 of luminance 1
     double luminous_flux;                               // lm
     std::shared_ptr<const CandelaDistribution> diagram; // null: constant luminance
+    std::shared_ptr<const MeshLinks> links = nullptr;   // null: all meshes, lit and in its light
+
+    // mesh : -1: none in particular
+    bool lights(std::int32_t mesh) const { return !links || mesh < 0 || links->lit[mesh] != 0; }
+    // Meshes that its shadow rays meet; null: all.
+    const std::uint8_t* shadow_meshes() const { return links ? links->shadow.data() : nullptr; }
 
     Emission sample_emission(PhotonRandom& random) const;
 };

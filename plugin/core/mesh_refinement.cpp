@@ -76,7 +76,8 @@ std::int32_t MeshRefinement::middle(std::int32_t a, std::int32_t b) {
         const Receiver &from = samples_[a].receiver, &to = samples_[b].receiver;
         LightSample sample;
         sample.position = (samples_[a].position + samples_[b].position) * 0.5;
-        sample.receiver = {(from.position + to.position) * 0.5, normalize(from.normal + to.normal)};
+        sample.receiver = {(from.position + to.position) * 0.5, normalize(from.normal + to.normal),
+                           from.mesh};
         sample.between = {a, b};
         samples_.push_back(sample);
         local_.emplace_back();

@@ -16,6 +16,8 @@ void PhotonBuckets::Ends::add(const Ends& other) {
     absorbed += other.absorbed;
     back_absorbed += other.back_absorbed;
     escaped += other.escaped;
+    split += other.split;
+    unlit += other.unlit;
     assert(back_hits.size() == other.back_hits.size());
     for (std::size_t i = 0; i < back_hits.size(); ++i) {
         back_hits[i] += other.back_hits[i];

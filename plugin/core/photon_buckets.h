@@ -50,6 +50,10 @@ class PhotonBuckets {
     // Photons that one range of histories ended with. Not safe from several threads.
     struct Ends {
         std::uint64_t emitted = 0, rays = 0, absorbed = 0, back_absorbed = 0, escaped = 0;
+        // By links: at a mesh that its luminaire lights and whose shadow it doesn't cast, a photon
+        // becomes two, one that was there and one that goes on; at one that stands in the light and
+        // isn't lit it ends. emitted + split = absorbed + back_absorbed + escaped + unlit
+        std::uint64_t split = 0, unlit = 0;
         std::vector<std::uint64_t> back_hits; // a mesh
         void add(const Ends& other);
     };

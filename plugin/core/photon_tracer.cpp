@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cmath>
+#include <vector>
 
 #include <tbb/blocked_range.h>
 #include <tbb/enumerable_thread_specific.h>
@@ -25,6 +26,9 @@ std::int32_t nearest_vertex(const MeshElement& element, const Hit& hit) {
 // Photons that are followed side by side: each waits for memory while the others go on.
 constexpr std::size_t kFront = 16;
 
+// Of the distance, how far behind a hit a ray goes on: the rounding of the distance.
+constexpr float kPassed = 0x1p-20F;
+
 class PhotonWalk {
   public:
     PhotonWalk(const Scene& scene, PhotonBuckets& buckets, PhotonBuckets::Ends& ends)
@@ -33,7 +37,11 @@ class PhotonWalk {
     void trace(std::uint64_t seed, std::uint64_t first, std::uint64_t last) {
         std::array<Photon, kFront> front;
         std::size_t alive = 0;
-        while (first < last || alive > 0) {
+        while (first < last || alive > 0 || !passing_.empty()) {
+            while (alive < kFront && !passing_.empty()) {
+                front[alive++] = passing_.back();
+                passing_.pop_back();
+            }
             while (alive < kFront && first < last) {
                 front[alive++] = emit(seed, first++);
             }
@@ -60,6 +68,7 @@ class PhotonWalk {
         LightPath path = LightPath::direct;
         Vec3f colour; // of luminance 1
         Ray ray;
+        const MeshLinks* links = nullptr; // of its luminaire, while it comes straight from there
         Hit hit;
         Vec3f normal;                 // on the side that was hit
         std::int32_t vertex = kNoHit; // whose bucket takes it; kNoHit: a one-sided mesh's back
@@ -79,6 +88,10 @@ class PhotonWalk {
         const Vec3f away = direction + plane * std::copysign(1.0F, dot(direction, plane));
         photon.ray = {origin + away * caster.offset(origin, 0.0F), direction};
         photon.colour = luminaire.colour;
+        if (luminaire.links) {
+            photon.links = luminaire.links.get();
+            photon.ray.meshes = photon.links->met.data();
+        }
         ++ends_.emitted;
         return photon;
     }
@@ -115,6 +128,9 @@ class PhotonWalk {
             return false;
         }
         const Surface& surface = surface_of(element_of(photon.hit));
+        if (photon.links != nullptr && !arrives(photon, static_cast<std::size_t>(surface.mesh))) {
+            return photon.links != nullptr;
+        }
         if (photon.vertex == kNoHit) {
             ++ends_.back_hits[static_cast<std::size_t>(surface.mesh)];
             ++ends_.back_absorbed;
@@ -139,6 +155,31 @@ class PhotonWalk {
         return true;
     }
 
+    // Whether a photon straight from a luminaire with links leaves light where it hit. Its links
+    // are taken from it unless it only passes.
+    bool arrives(Photon& photon, std::size_t mesh) {
+        const MeshLinks& links = *photon.links;
+        const bool received = links.lit[mesh] != 0 && photon.vertex != kNoHit;
+        Photon on = photon;
+        on.ray.near = photon.hit.distance * (1.0F + kPassed);
+        if (links.shadow[mesh] == 0 && !received) { // lit on the other side alone
+            photon = on;
+            return false;
+        }
+        photon.links = nullptr;
+        photon.ray.meshes = nullptr;
+        photon.ray.near = 0.0F;
+        if (links.shadow[mesh] == 0) {
+            on.random = PhotonRandom(photon.random.next(), 1);
+            passing_.push_back(on);
+            ++ends_.split;
+        } else if (links.lit[mesh] == 0) {
+            ++ends_.unlit;
+            return false;
+        }
+        return true;
+    }
+
     const MeshElement& element_of(const Hit& hit) const {
         return scene_.mesh().elements[static_cast<std::size_t>(hit.triangle)];
     }
@@ -149,6 +190,7 @@ class PhotonWalk {
     const Scene& scene_;
     PhotonBuckets& buckets_;
     PhotonBuckets::Ends& ends_;
+    std::vector<Photon> passing_; // the light behind what a luminaire lights without a shadow
 };
 
 } // namespace

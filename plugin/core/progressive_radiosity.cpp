@@ -59,7 +59,8 @@ std::vector<Receiver> ProgressiveRadiosity::receivers() const {
     std::vector<Receiver> out(hierarchy_.leaves.size());
     std::ranges::transform(hierarchy_.leaves, out.begin(), [this](std::int32_t leaf) {
         const RadiosityNode& node = hierarchy_.nodes[leaf];
-        return Receiver{node.centre, node.normal.as<float>()};
+        const Surface& surface = scene_.mesh().surfaces[static_cast<std::size_t>(node.surface)];
+        return Receiver{node.centre, node.normal.as<float>(), surface.mesh};
     });
     return out;
 }

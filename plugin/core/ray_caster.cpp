@@ -46,7 +46,8 @@ using EmbreeContext = RTCIntersectContext;
 // What the filters need beside Embree's own.
 struct Query : EmbreeContext {
     std::uint64_t key = 0; // of a ray that looks for its closest hit
-    // Of shadow rays, by their id:
+    // By the rays' ids; a single ray's is 0:
+    std::array<const std::uint8_t*, kPacket> meshes{};
     std::array<float, kPacket> transmitted{};
     std::array<std::uint8_t, kPacket> edge_count{};  // edges met, as far as there is room
     std::array<std::array<float, 4>, kPacket> edges; // distances to them
@@ -121,6 +122,7 @@ RTCRay embree_ray(const Ray& ray, float far) {
     out.dir_x = ray.direction.x;
     out.dir_y = ray.direction.y;
     out.dir_z = ray.direction.z;
+    out.tnear = ray.near;
     out.tfar = far;
     out.mask = ~0U;
     return out;
@@ -131,15 +133,26 @@ RTCRay embree_ray(const Ray& ray, float far) {
 struct RayCaster::Embree {
     RTCDevice device = new_device();
     RTCScene scene = rtcNewScene(device);
-    std::vector<float> opacity; // of each triangle; empty: all 1
+    // One a triangle, or none.
+    std::vector<float> opacity;
+    std::vector<std::int32_t> meshes;
+
+    bool filtered() const { return !opacity.empty() || !meshes.empty(); }
+    float opacity_of(std::uint32_t triangle) const {
+        return opacity.empty() ? 1.0F : opacity[triangle];
+    }
+    bool passes_by(const std::uint8_t* met, std::uint32_t triangle) const {
+        return met != nullptr && met[meshes[triangle]] == 0;
+    }
 
     // Of single rays. What it refuses is not hit.
     static void meet(const RTCFilterFunctionNArguments* arguments) {
         const auto& embree = *static_cast<const Embree*>(arguments->geometryUserPtr);
         const auto& query = *static_cast<const Query*>(arguments->context);
         const std::uint32_t triangle = RTCHitN_primID(arguments->hit, 1, 0);
-        const float opacity = embree.opacity[triangle];
-        if (opacity < 1.0F && high_float(mix64(query.key ^ mix64(triangle))) >= opacity) {
+        const float opacity = embree.opacity_of(triangle);
+        if (embree.passes_by(query.meshes[0], triangle) ||
+            (opacity < 1.0F && high_float(mix64(query.key ^ mix64(triangle))) >= opacity)) {
             arguments->valid[0] = 0;
         }
     }
@@ -149,16 +162,24 @@ struct RayCaster::Embree {
         auto& query = *static_cast<Query*>(arguments->context);
         const unsigned n = arguments->N;
         for (unsigned i = 0; i < n; ++i) {
+            if (arguments->valid[i] == 0) {
+                continue;
+            }
             const std::uint32_t triangle = RTCHitN_primID(arguments->hit, n, i);
-            if (arguments->valid[i] == 0 || embree.opacity[triangle] == 1.0F) {
+            const unsigned ray = RTCRayN_id(arguments->ray, n, i);
+            if (embree.passes_by(query.meshes[ray], triangle)) {
+                arguments->valid[i] = 0;
+                continue;
+            }
+            const float opacity = embree.opacity_of(triangle);
+            if (opacity == 1.0F) {
                 continue;
             }
             arguments->valid[i] = 0;
             const float u = RTCHitN_u(arguments->hit, n, i), v = RTCHitN_v(arguments->hit, n, i);
-            const unsigned ray = RTCRayN_id(arguments->ray, n, i);
             if (std::min({u, v, 1.0F - u - v}) > kAtEdge ||
                 query.first_at_edge(ray, RTCRayN_tfar(arguments->ray, n, i))) {
-                query.transmitted[ray] *= 1.0F - embree.opacity[triangle];
+                query.transmitted[ray] *= 1.0F - opacity;
             }
         }
     }
@@ -173,11 +194,11 @@ struct RayCaster::Embree {
     }
 };
 
-RayCaster::RayCaster(std::span<const Vec3d> points,
-                     std::span<const std::array<std::int32_t, 3>> triangles,
-                     std::vector<float> opacity, int threads)
+RayCaster::RayCaster(RayTargets targets, int threads)
     : embree_(std::make_unique<Embree>()), least_offset_(0.0F) {
-    embree_->opacity = std::move(opacity);
+    const auto& [points, triangles, opacity, meshes] = targets;
+    embree_->opacity = std::move(targets.opacity);
+    embree_->meshes = std::move(targets.meshes);
     Vec3d low{std::numeric_limits<double>::max(), std::numeric_limits<double>::max(),
               std::numeric_limits<double>::max()};
     Vec3d high = -low;
@@ -208,7 +229,7 @@ RayCaster::RayCaster(std::span<const Vec3d> points,
         std::ranges::transform(points, vertex,
                                [this](const Vec3d& p) { return (p - origin_).as<float>(); });
         std::ranges::copy(triangles, index);
-        if (!embree_->opacity.empty()) {
+        if (embree_->filtered()) {
             rtcSetGeometryUserData(geometry, embree_.get());
             rtcSetGeometryIntersectFilterFunction(geometry, Embree::meet);
             rtcSetGeometryOccludedFilterFunction(geometry, Embree::pass);
@@ -229,6 +250,7 @@ Hit RayCaster::closest_hit(const Ray& ray) const {
     ray_hit.ray = embree_ray(ray, std::numeric_limits<float>::infinity());
     ray_hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     Query query;
+    query.meshes[0] = ray.meshes;
     if (!embree_->opacity.empty()) {
         query.key = ray_key(ray);
     }
@@ -246,6 +268,7 @@ Hit RayCaster::closest_hit(const Ray& ray) const {
 float RayCaster::transmitted(const Ray& ray) const {
     RTCRay shadow_ray = embree_ray(ray, 1.0F);
     Query query;
+    query.meshes[0] = ray.meshes;
     occlude(embree_->scene, query, shadow_ray);
     return shadow_ray.tfar < 0.0F ? 0.0F : query.transmitted[0]; // Embree's mark
 }
@@ -256,6 +279,7 @@ void RayCaster::transmitted(std::span<const Ray> rays, std::span<float> out) con
         const std::size_t count = std::min(kPacket, rays.size() - done);
         alignas(32) RTCRay8 packet{};
         alignas(32) std::array<int, kPacket> valid{};
+        Query query;
         for (std::size_t i = 0; i < count; ++i) {
             const Ray& ray = rays[done + i];
             valid[i] = -1;
@@ -267,9 +291,9 @@ void RayCaster::transmitted(std::span<const Ray> rays, std::span<float> out) con
             packet.dir_z[i] = ray.direction.z;
             packet.tfar[i] = 1.0F;
             packet.mask[i] = ~0U;
+            query.meshes[i] = ray.meshes;
             packet.id[i] = static_cast<unsigned>(i);
         }
-        Query query;
         occlude(valid.data(), embree_->scene, query, packet);
         for (std::size_t i = 0; i < count; ++i) {
             out[done + i] = packet.tfar[i] < 0.0F ? 0.0F : query.transmitted[i];

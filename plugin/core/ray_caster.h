@@ -29,15 +29,25 @@ struct Hit {
 struct Ray {
     Vec3f origin; // relative to RayCaster::origin()
     Vec3f direction;
+    float near = 0.0F;                    // where it begins, in lengths of the direction
+    const std::uint8_t* meshes = nullptr; // of each mesh whether the ray meets it; null: all
+};
+
+// What a ray may meet.
+struct RayTargets {
+    std::span<const Vec3d> points;
+    // Those that touch no finite area may be given: they are never hit.
+    std::span<const std::array<std::int32_t, 3>> triangles;
+    // One a triangle or, where nothing asks for them, none: share of the light that it stops,
+    // in (0, 1]; its mesh.
+    std::vector<float> opacity = {};
+    std::vector<std::int32_t> meshes = {};
 };
 
 class RayCaster {
   public:
-    // Triangles that touch no finite area may be given: they are never hit.
-    // opacity : one a triangle, in (0, 1]; empty: all opaque, and rays cost what they cost then
     // `threads` build the tree; the tree does not depend on their number.
-    RayCaster(std::span<const Vec3d> points, std::span<const std::array<std::int32_t, 3>> triangles,
-              std::vector<float> opacity, int threads);
+    RayCaster(RayTargets targets, int threads);
     ~RayCaster();
     RayCaster(const RayCaster&) = delete;
     RayCaster& operator=(const RayCaster&) = delete;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cassert>
+#include <stdexcept>
 
 namespace isolux {
 namespace {
@@ -26,20 +27,44 @@ std::vector<float> opacities_of(const IlluminationMesh& mesh) {
     return out;
 }
 
+bool any_links(const std::vector<Luminaire>& luminaires) {
+    return std::ranges::any_of(luminaires, [](const Luminaire& l) { return l.links != nullptr; });
+}
+
+// One an element; empty where no ray asks for them.
+std::vector<std::int32_t> meshes_of(const IlluminationMesh& mesh,
+                                    const std::vector<Luminaire>& luminaires) {
+    std::vector<std::int32_t> out;
+    if (any_links(luminaires)) {
+        out.resize(mesh.elements.size());
+        std::ranges::transform(mesh.elements, out.begin(), [&](const MeshElement& element) {
+            return mesh.surface(element).mesh;
+        });
+    }
+    return out;
+}
+
 } // namespace
 
 Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires, int threads)
     : mesh_(std::move(mesh)), luminaires_(std::move(luminaires)), luminous_flux_(0.0),
       coloured_(!std::ranges::all_of(mesh_.surfaces, grey, &Surface::reflectance) ||
                 !std::ranges::all_of(luminaires_, grey, &Luminaire::colour)),
-      ray_caster_(mesh_.positions, triangles_of(mesh_), opacities_of(mesh_), threads) {
+      ray_caster_({mesh_.positions, triangles_of(mesh_), opacities_of(mesh_),
+                   meshes_of(mesh_, luminaires_)},
+                  threads) {
     assert(!luminaires_.empty());
     for (const auto& luminaire : luminaires_) {
         assert(luminaire.luminous_flux > 0.0);
+        if (luminaire.links && luminaire.links->lit.size() != mesh_.meshes.size()) {
+            throw std::invalid_argument("light links want one entry a mesh");
+        }
         luminous_flux_ += luminaire.luminous_flux;
         cumulative_flux_.push_back(luminous_flux_);
     }
 }
+
+bool Scene::linked() const { return any_links(luminaires_); }
 
 const Luminaire& Scene::choose_luminaire(double u) const {
     const auto at = std::ranges::upper_bound(cumulative_flux_, u * luminous_flux_);

@@ -20,6 +20,8 @@ class Scene {
     double luminous_flux() const { return luminous_flux_; } // lm
     // Some light or surface is coloured: else one channel says all.
     bool coloured() const { return coloured_; }
+    // Some luminaire has light or shadow links.
+    bool linked() const;
 
     // The luminaire of a photon, by flux; u uniform in [0, 1).
     const Luminaire& choose_luminaire(double u) const;

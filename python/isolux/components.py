@@ -126,6 +126,15 @@ class DirectLight:
         """Positions and normals of all vertices; a run of photons alone does without."""
         return self._scene.receiver_positions, self._scene.vertex_normals
 
+    @cached_property
+    def _meshes(self) -> NDArray[np.int32] | None:
+        return self._scene.vertex_meshes if self.linked else None
+
+    @property
+    def linked(self) -> bool:
+        """Whether light depends on the mesh that receives it."""
+        return bool(self._scene.linked)
+
     def estimated_seconds(self, indirect: Array, clock: Callable[[], float]) -> float:
         """T_i0, s: what all vertices will take, by lighting a few of them.
 
@@ -137,8 +146,9 @@ class DirectLight:
         few = [
             np.ascontiguousarray(values[::TIMED_SHARE]) for values in (*self._receivers, indirect)
         ]
+        meshes = None if self._meshes is None else self._meshes[::TIMED_SHARE].copy()
         started = clock()
-        self._lighting.illuminate(*few, self._threads)
+        self._lighting.illuminate(*few, self._threads, meshes)
         return (clock() - started) * len(indirect) / max(1, len(few[0]))
 
     def at_vertices(
@@ -149,7 +159,7 @@ class DirectLight:
         indirect : (V,) lx, zeros where it isn't known
         on_share : called with the share that is done; may raise Cancelled
         """
-        return self.at_points(*self._receivers, indirect, on_share)
+        return self.at_points(*self._receivers, indirect, on_share, self._meshes)
 
     def at_points(
         self,
@@ -157,15 +167,23 @@ class DirectLight:
         normals: Array,
         indirect: Array,
         on_share: Callable[[float], None],
+        meshes: NDArray[np.int32] | None = None,
     ) -> tuple[Array, Array]:
-        """The same at other points, m, world space, that receive light on the side of normals."""
+        """The same at other points, m, world space, that receive light on the side of normals.
+
+        meshes : of the points, where light is linked
+        """
         count = len(positions)
         illuminance = np.zeros((count, 3), np.float32)
         standard_error = np.zeros(count, np.float32)
         for first in range(0, count, RECEIVERS_AT_ONCE):
             block = slice(first, min(first + RECEIVERS_AT_ONCE, count))
             found = self._lighting.illuminate(
-                positions[block], normals[block], indirect[block], self._threads
+                positions[block],
+                normals[block],
+                indirect[block],
+                self._threads,
+                None if meshes is None else meshes[block],
             )
             illuminance[block] = found["illuminance"]
             standard_error[block] = found["standard_error"]
@@ -211,9 +229,10 @@ class AdaptiveMesh:
             wanted = self._refinement.wanted_samples()
             if len(wanted["positions"]) == 0:
                 return bool(self._refinement.split())
+            meshes = self._refinement.wanted_meshes() if lighting.linked else None
             self._refinement.add_samples(
                 *lighting.at_points(
-                    wanted["positions"], wanted["normals"], wanted["indirect"], on_share
+                    wanted["positions"], wanted["normals"], wanted["indirect"], on_share, meshes
                 )
             )
 
@@ -285,7 +304,8 @@ class Radiosity:
         self.finished = False
         positions, normals = self._radiosity.receivers()
         none = np.zeros(len(positions), np.float32)
-        direct, _ = lighting.at_points(positions, normals, none, on_share)
+        meshes = self._radiosity.receiver_meshes() if lighting.linked else None
+        direct, _ = lighting.at_points(positions, normals, none, on_share, meshes)
         self._radiosity.begin(direct)
 
     def shoot(self, ray_budget: int) -> IndirectLight:

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _core
 from .errors import SceneError
-from .scene_description import GoniometricDiagram, MeshDescription, SceneDescription
+from .scene_description import (
+    GoniometricDiagram,
+    LuminaireDescription,
+    MeshDescription,
+    SceneDescription,
+)
 from .settings import SolverSettings
 from .solution import MeshLayout
 
@@ -50,6 +56,7 @@ def build_core_scene(
             mesh.flip_winding,
             mesh.opacity,
         )
+    links = _LightLinks(scene.meshes)
     for luminaire in scene.luminaires:
         builder.add_luminaire(
             luminaire.shape,
@@ -59,8 +66,28 @@ def build_core_scene(
             luminaire.colour,
             luminaire.luminous_flux,
             _candela_distribution(luminaire.diagram),
+            links.of(luminaire),
         )
     return builder.build(threads)
+
+
+class _LightLinks:
+    """Luminaires that light the same meshes share what says so."""
+
+    def __init__(self, meshes: Sequence[MeshDescription]) -> None:
+        self._paths = [mesh.path for mesh in meshes]
+        self._known: dict[tuple[frozenset[str] | None, ...], _core.MeshLinks] = {}
+
+    def of(self, luminaire: LuminaireDescription) -> _core.MeshLinks | None:
+        both = luminaire.lit_meshes, luminaire.shadow_meshes
+        if both == (None, None):
+            return None
+        if both not in self._known:
+            self._known[both] = _core.MeshLinks(*(self._flags(paths) for paths in both))
+        return self._known[both]
+
+    def _flags(self, paths: frozenset[str] | None) -> NDArray[np.uint8]:
+        return np.array([paths is None or path in paths for path in self._paths], np.uint8)
 
 
 def mesh_triangles(mesh: MeshDescription) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

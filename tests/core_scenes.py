@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,6 +63,27 @@ def luminaire(
         luminous_flux=luminous_flux,
         diagram=None,
     )
+
+
+def distant(
+    flux_density: float = 1000.0, angle: float = 0.0, axes: Array | None = None
+) -> LuminaireDescription:
+    """Light to local -Z. flux_density : lm/m² across its directions; angle : rad, half."""
+    return luminaire(flux_density, shape="distant", size=(angle, 0.0), axes=axes)
+
+
+def dome(luminance: ArrayLike, axes: Array | None = None) -> LuminaireDescription:
+    """luminance : cd/m²; one number, or a map (H, W, 3)."""
+    texels = np.asarray(luminance, np.float32)
+    environment = np.broadcast_to(texels, (1, 1, 3)) if texels.ndim == 0 else texels
+    environment = np.ascontiguousarray(environment)
+    return replace(luminaire(1.0, shape="dome", axes=axes), environment=environment)
+
+
+def shining(shape: Shape, luminance: float, path: str = "/Lamp", **kwargs: Any) -> MeshDescription:
+    """A black mesh that shines, by default on its front. luminance : cd/m²"""
+    emission = np.full((1, 3), luminance, np.float32)
+    return replace(surface(shape, **kwargs), path=path, emission=emission)
 
 
 @dataclass(frozen=True)
@@ -141,6 +163,27 @@ def build(
             m.opacity,
         )
     for light in luminaires:
+        if light.environment is not None:
+            width = light.environment.shape[1]
+            builder.add_dome(light.axes, light.environment.reshape(-1, 3), width)
+            continue
+        if light.shape == "mesh":
+            shining = next(m for m in meshes if m.path == light.path)
+            corners, faces = _core.triangulate(
+                shining.points,
+                shining.face_vertex_counts,
+                shining.face_vertex_indices,
+                shining.hole_faces,
+                shining.flip_winding,
+            )
+            luminance = np.broadcast_to(shining.emission, (len(shining.face_vertex_counts), 3))
+            builder.add_mesh_luminaire(
+                shining.points,
+                shining.face_vertex_indices[corners],
+                np.ascontiguousarray(luminance[faces]),
+                shining.double_sided,
+            )
+            continue
         builder.add_luminaire(
             light.shape,
             light.origin,

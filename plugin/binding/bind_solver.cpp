@@ -2,8 +2,10 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <numbers>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/shared_ptr.h>
@@ -23,6 +25,34 @@ using namespace isolux;
 using namespace isolux::binding;
 
 namespace {
+
+// One that shines on the side from which its corners run counter-clockwise; none where there is no
+// light or no area.
+void add_triangle(std::vector<Luminaire>& luminaires, const std::array<Vec3d, 3>& corners,
+                  const Vec3f& light, const std::shared_ptr<const MeshLinks>& links) {
+    const Vec3d along = corners[1] - corners[0];
+    const Vec3d across = cross(along, corners[2] - corners[0]);
+    const double area = 0.5 * length(across), brightness = luminance(light);
+    if (!(area > 0.0) || !(brightness > 0.0)) {
+        return;
+    }
+    Luminaire out{{},
+                  (corners[0] + corners[1] + corners[2]) * (1.0 / 3.0),
+                  normalize(along),
+                  {},
+                  across * (-0.5 / area),
+                  light * static_cast<float>(1.0 / brightness),
+                  std::numbers::pi * brightness * area,
+                  nullptr,
+                  links};
+    out.y = cross(out.z, out.x);
+    const auto local = [&out](const Vec3d& p) {
+        const Vec3d at = out.to_local(p - out.position);
+        return Vec3d{at.x, at.y, 0.0};
+    };
+    out.shape = TriangleLuminaire{local(corners[0]), local(corners[1]), local(corners[2])};
+    luminaires.push_back(out);
+}
 
 class SceneBuilder {
   public:
@@ -71,6 +101,9 @@ class SceneBuilder {
             if (shape == "cylinder") {
                 return CylinderLuminaire{s[0], s[1]};
             }
+            if (shape == "distant") {
+                return DistantLuminaire{s[0], luminous_flux, nullptr};
+            }
             throw std::invalid_argument("no luminaire shape " + shape);
         };
         luminaires_.push_back({make_shape(),
@@ -82,6 +115,51 @@ class SceneBuilder {
                                luminous_flux,
                                diagram,
                                links});
+    }
+
+    void add_dome(const In3<double>& axes, const In3<float>& luminance, std::int32_t width,
+                  const std::shared_ptr<const MeshLinks>& links) {
+        const auto a = view(axes);
+        const auto texels = view(luminance);
+        if (a.size() != 3 || width < 1 || texels.empty() || texels.size() % width != 0) {
+            throw std::invalid_argument("a dome wants axes (3, 3) and whole rows of texels");
+        }
+        auto map = std::make_shared<const DomeLuminance>(
+            texels, width, static_cast<std::int32_t>(texels.size()) / width);
+        const Vec3d mean = map->flux_density();
+        luminaires_.push_back({DomeLuminaire{map, nullptr},
+                               {},
+                               a[0],
+                               a[1],
+                               a[2],
+                               (mean * (1.0 / isolux::luminance(mean))).as<float>(),
+                               isolux::luminance(mean),
+                               nullptr,
+                               links});
+    }
+
+    void add_mesh_luminaire(const In3<double>& points,
+                            const nb::ndarray<const std::int32_t, nb::shape<-1, 3>, nb::device::cpu,
+                                              nb::c_contig>& triangles,
+                            const In3<float>& luminance, bool double_sided,
+                            const std::shared_ptr<const MeshLinks>& links) {
+        const auto p = view(points);
+        const auto l = view(luminance);
+        if (l.size() != 1 && l.size() != triangles.shape(0)) {
+            throw std::invalid_argument("one luminance, or one a triangle");
+        }
+        for (std::size_t t = 0; t < triangles.shape(0); ++t) {
+            std::array<Vec3d, 3> corners;
+            for (std::size_t k = 0; k < 3; ++k) {
+                corners[k] = p[static_cast<std::size_t>(triangles.data()[3 * t + k])];
+            }
+            const Vec3f& light = l[l.size() == 1 ? 0 : t];
+            add_triangle(luminaires_, corners, light, links);
+            if (double_sided) {
+                std::swap(corners[1], corners[2]);
+                add_triangle(luminaires_, corners, light, links);
+            }
+        }
     }
 
     std::unique_ptr<Scene> build(int threads) {
@@ -258,6 +336,15 @@ void bind_solver(nb::module_& module) {
         .def("add_luminaire", &SceneBuilder::add_luminaire, "shape"_a, "origin"_a, "axes"_a,
              "size"_a, "colour"_a, "luminous_flux"_a, "diagram"_a.none(),
              "links"_a.none() = nb::none(), "As isolux.scene_description.LuminaireDescription.")
+        .def("add_dome", &SceneBuilder::add_dome, "axes"_a, "luminance"_a, "width"_a,
+             "links"_a.none() = nb::none(),
+             "luminance : (H * width, 3) float32, cd/m^2 by channel, a latitude-longitude map as "
+             "isolux.scene_description.LuminaireDescription has it")
+        .def("add_mesh_luminaire", &SceneBuilder::add_mesh_luminaire, "points"_a, "triangles"_a,
+             "luminance"_a, "double_sided"_a, "links"_a.none() = nb::none(),
+             "points : (P, 3) float64, metres\n"
+             "triangles : (T, 3) int32, counter-clockwise seen from where they shine\n"
+             "luminance : (T, 3) or (1, 3) float32, cd/m^2 by channel")
         .def("build", &SceneBuilder::build, "threads"_a, "Once; the builder is empty afterwards.");
 
     nb::class_<PhotonBuckets>(module, "PhotonBuckets",

@@ -62,16 +62,22 @@ double mean_illuminance(const Scene& scene) {
 
 DirectLighting::DirectLighting(const Scene& scene, const DirectLightingSettings& settings)
     : scene_(scene), settings_(settings), mean_illuminance_(mean_illuminance(scene)) {
-    for (const bool linked : {false, true}) {
-        for (const Luminaire& luminaire : scene.luminaires()) {
-            if ((luminaire.links != nullptr) == linked) {
-                luminaires_.emplace_back(luminaire);
-            }
+    std::vector<const Luminaire*> alone;
+    for (const Luminaire& luminaire : scene.luminaires()) {
+        if (std::holds_alternative<DomeLuminaire>(luminaire.shape)) {
+            domes_.push_back(&luminaire);
+        } else if (luminaire.links || luminaire.is_infinite()) {
+            alone.push_back(&luminaire);
+        } else {
+            luminaires_.emplace_back(luminaire);
         }
-        if (!linked && luminaires_.size() > kFewLuminaires) {
-            tree_.emplace(luminaires_);
-            in_tree_ = luminaires_.size();
-        }
+    }
+    if (luminaires_.size() > kFewLuminaires) {
+        tree_.emplace(luminaires_);
+        in_tree_ = luminaires_.size();
+    }
+    for (const Luminaire* luminaire : alone) {
+        luminaires_.emplace_back(*luminaire);
     }
 }
 
@@ -83,7 +89,11 @@ double DirectLighting::allowed(double total) const {
 // Light at one receiver after another; keeps its memory.
 class DirectLighting::Gathering {
   public:
-    explicit Gathering(const DirectLighting& lighting) : lighting_(lighting) {}
+    explicit Gathering(const DirectLighting& lighting) : lighting_(lighting) {
+        for (const Luminaire* dome : lighting.domes_) {
+            domes_.emplace_back(*dome, lighting.scene_.ray_caster());
+        }
+    }
 
     struct Found {
         Vec3f illuminance;
@@ -141,6 +151,7 @@ class DirectLighting::Gathering {
     double allowed() const;
 
     const DirectLighting& lighting_;
+    std::vector<DomeLighting> domes_;
     Receiver receiver_;
     std::uint64_t key_ = 0;
     double indirect_ = 0.0;                           // lx
@@ -169,6 +180,18 @@ DirectLighting::Gathering::Found DirectLighting::Gathering::gather(const Receive
     shares_.clear();
     pending_.clear();
     candidates_.clear();
+    Vec3f sum;
+    double dome_variance = 0.0;
+    for (std::size_t i = 0; i < domes_.size(); ++i) {
+        const auto found =
+            domes_[i].illuminate(receiver, key_ + mix64(i), [this](double illuminance) {
+                return lighting_.allowed(illuminance + indirect_);
+            });
+        sum += found.illuminance.as<float>();
+        indirect_ += luminance(found.illuminance); // light beside that of the others
+        dome_variance += found.variance;
+        shadow_rays_ += found.shadow_rays;
+    }
     if (lighting_.tree_) {
         add_clusters();
     }
@@ -185,14 +208,13 @@ DirectLighting::Gathering::Found DirectLighting::Gathering::gather(const Receive
         cast();
         settle();
     }
-    Vec3f sum;
     known_ = edges_ = 0.0; // anew: differences have rounded
     for (const Share& s : shares_) {
         sum += lighting_.luminaires_[s.luminaire].luminaire().colour * static_cast<float>(s.direct);
         known_ += s.known;
         edges_ += s.edges;
     }
-    return {sum, static_cast<float>(std::sqrt(variance())), shadow_rays_};
+    return {sum, static_cast<float>(std::sqrt(variance() + dome_variance)), shadow_rays_};
 }
 
 double DirectLighting::Gathering::allowed() const { return lighting_.allowed(direct_ + indirect_); }
@@ -222,9 +244,13 @@ bool DirectLighting::Gathering::add(std::int32_t luminaire, double unoccluded,
         share.angle = bound.angle;
     } else if (unoccluded > 0.0) {
         share.unoccluded = share.expected = unoccluded;
-        const double distance = length(light.luminaire().position - receiver_.position);
-        share.angle = distance > light.radius() ? light.radius() / distance : 1.0;
-        share.angle += share.angle > kPointAngle ? kFixtureAngle : 0.0;
+        if (const auto* far = std::get_if<DistantLuminaire>(&light.luminaire().shape)) {
+            share.angle = std::min(1.0, far->half_angle);
+        } else {
+            const double distance = length(light.luminaire().position - receiver_.position);
+            share.angle = distance > light.radius() ? light.radius() / distance : 1.0;
+            share.angle += share.angle > kPointAngle ? kFixtureAngle : 0.0;
+        }
     } else {
         return false;
     }

@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include "core/dome_lighting.h"
 #include "core/light_tree.h"
 #include "core/luminaire_illuminance.h"
 #include "core/scene.h"
@@ -46,10 +47,11 @@ class DirectLighting {
 
     const Scene& scene_;
     DirectLightingSettings settings_;
-    std::vector<LuminaireIlluminance> luminaires_; // those with light or shadow links last
-    std::optional<LightTree> tree_;                // of many luminaires, without links
-    std::size_t in_tree_ = 0;                      // the first of luminaires_
-    double mean_illuminance_;                      // lx, if all light arrived
+    std::vector<LuminaireIlluminance> luminaires_; // without domes
+    std::vector<const Luminaire*> domes_;
+    std::optional<LightTree> tree_; // of many luminaires, finite and without links
+    std::size_t in_tree_ = 0;       // the first of luminaires_
+    double mean_illuminance_;       // lx, if all light arrived
 };
 
 } // namespace isolux

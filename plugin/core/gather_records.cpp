@@ -159,7 +159,7 @@ Vec3f RecordTracer::direct_illuminance(const Receiver& at, PhotonRandom& random)
     }
     const float visible = scene_.ray_caster().transmitted(
         {from, to * (1.0F - 0x1p-12F), 0.0F, luminaire.luminaire().shadow_meshes()});
-    return luminaire.luminaire().colour * (static_cast<float>(sum) * visible);
+    return sample.colour * (static_cast<float>(sum) * visible);
 }
 
 void look_up(std::span<const Exitance> exitances, GatherRecord& record) {

@@ -12,7 +12,10 @@
 #include <vector>
 
 #include "core/candela_distribution.h"
+#include "core/distant_luminaire.h"
+#include "core/dome_luminance.h"
 #include "core/random.h"
+#include "core/scene_entry.h"
 #include "core/vec3.h"
 
 namespace isolux {
@@ -39,11 +42,23 @@ struct CylinderLuminaire { // along X, without end caps
     Vec3d direction(PhotonRandom& random) const;
     Vec3d origin(const Vec3d& direction, PhotonRandom& random) const;
 };
+struct TriangleLuminaire { // shines to -Z; the corners, around the middle in the plane Z = 0
+    Vec3d a, b, c;
+    Vec3d direction(PhotonRandom& random) const;
+    Vec3d origin(const Vec3d& direction, PhotonRandom& random) const;
+    Vec3d point(double u, double v) const;
+};
+struct DomeLuminaire { // shines from all around; local axes as DomeLuminance has them
+    std::shared_ptr<const DomeLuminance> luminance;
+    std::shared_ptr<const SceneEntry> entry; // set by the scene that it shines on
+};
 using LuminaireShape =
-    std::variant<SphereLuminaire, DiskLuminaire, RectLuminaire, CylinderLuminaire>;
+    std::variant<SphereLuminaire, DiskLuminaire, RectLuminaire, CylinderLuminaire,
+                 TriangleLuminaire, DistantLuminaire, DomeLuminaire>;
 
 struct Emission {
     Vec3d origin, direction; // world space, m; direction of unit length
+    Vec3f colour;            // of luminance 1
 };
 
 // Light and shadow links, one entry a mesh. They tell of light straight from the luminaire alone:
@@ -58,10 +73,10 @@ struct MeshLinks {
 
 struct Luminaire {
     LuminaireShape shape;
-    Vec3d position;                                     // world space, m
-    Vec3d x, y, z;                                      // local axes in world space, orthonormal
-    Vec3f colour;                                       // linear Rec. 709 of luminance 1
-    double luminous_flux;                               // lm
+    Vec3d position;       // world space, m
+    Vec3d x, y, z;        // local axes in world space, orthonormal
+    Vec3f colour;         // linear Rec. 709 of luminance 1
+    double luminous_flux; // lm; from infinitely far, what enters the scene's bounds
     std::shared_ptr<const CandelaDistribution> diagram; // null: constant luminance
     std::shared_ptr<const MeshLinks> links = nullptr;   // null: all meshes, lit and in its light
 
@@ -71,6 +86,14 @@ struct Luminaire {
     const std::uint8_t* shadow_meshes() const { return links ? links->shadow.data() : nullptr; }
 
     Emission sample_emission(PhotonRandom& random) const;
+
+    // Shines from infinitely far, on the bounds that aim() gave it.
+    bool is_infinite() const;
+    // Takes its luminous flux as what enters the bounds, where it is infinitely far.
+    void aim(const SceneBounds& bounds);
+
+    Vec3d to_local(const Vec3d& v) const { return {dot(v, x), dot(v, y), dot(v, z)}; }
+    Vec3d to_world(const Vec3d& v) const { return x * v.x + y * v.y + z * v.z; }
 };
 
 } // namespace isolux

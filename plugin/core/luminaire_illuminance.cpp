@@ -40,6 +40,10 @@ double bounding_radius(const LuminaireShape& shape) {
             [](const DiskLuminaire& s) { return s.radius; },
             [](const RectLuminaire& s) { return 0.5 * std::hypot(s.width, s.height); },
             [](const CylinderLuminaire& s) { return std::hypot(s.radius, 0.5 * s.length); },
+            [](const TriangleLuminaire& s) {
+                return std::max({length(s.a), length(s.b), length(s.c)});
+            },
+            [](const auto&) { return 0.0; },
         },
         shape);
 }
@@ -51,13 +55,16 @@ double luminous_area(const LuminaireShape& shape) {
             [](const DiskLuminaire& s) { return kPi * s.radius * s.radius; },
             [](const RectLuminaire& s) { return s.width * s.height; },
             [](const CylinderLuminaire& s) { return 2.0 * kPi * s.radius * s.length; },
+            [](const TriangleLuminaire& s) { return 0.5 * length(cross(s.b - s.a, s.c - s.a)); },
+            [](const auto&) { return 0.0; },
         },
         shape);
 }
 
 bool is_flat(const LuminaireShape& shape) {
     return std::holds_alternative<DiskLuminaire>(shape) ||
-           std::holds_alternative<RectLuminaire>(shape);
+           std::holds_alternative<RectLuminaire>(shape) ||
+           std::holds_alternative<TriangleLuminaire>(shape);
 }
 
 // Intensity of a surface of constant luminance in a local direction, for a flux of 1 lm.
@@ -70,6 +77,8 @@ double profile(const LuminaireShape& shape, const Vec3d& direction) {
                           [&](const CylinderLuminaire&) {
                               return std::hypot(direction.y, direction.z) / (kPi * kPi);
                           },
+                          [&](const TriangleLuminaire&) { return flat(); },
+                          [](const auto&) { return 0.0; },
                       },
                       shape);
 }
@@ -89,7 +98,8 @@ struct CylinderSide {
 } // namespace
 
 LuminaireIlluminance::LuminaireIlluminance(const Luminaire& luminaire)
-    : luminaire_(luminaire), radius_(bounding_radius(luminaire.shape)),
+    : luminaire_(luminaire), is_infinite_(luminaire.is_infinite()),
+      radius_(bounding_radius(luminaire.shape)),
       reach_(luminaire.diagram != nullptr ? luminaire.diagram->widest_gamma()
                                           : (is_flat(luminaire.shape) ? 0.5 : 1.0) * kPi),
       point_openings_(std::holds_alternative<CylinderLuminaire>(luminaire.shape) ? kExactOpenings
@@ -107,14 +117,6 @@ double LuminaireIlluminance::peak_intensity() const {
                                                    : profile(luminaire_.shape, {0.0, 0.0, -1.0}));
 }
 
-Vec3d LuminaireIlluminance::to_local(const Vec3d& v) const {
-    return {dot(v, luminaire_.x), dot(v, luminaire_.y), dot(v, luminaire_.z)};
-}
-
-Vec3d LuminaireIlluminance::to_world(const Vec3d& v) const {
-    return luminaire_.x * v.x + luminaire_.y * v.y + luminaire_.z * v.z;
-}
-
 double LuminaireIlluminance::intensity(const Vec3d& direction) const {
     const Vec3d local = to_local(direction);
     return scale_ * (luminaire_.diagram != nullptr ? luminaire_.diagram->intensity(local)
@@ -126,7 +128,51 @@ bool LuminaireIlluminance::is_far(const Vec3d& to, const Vec3d& normal, double o
     return dot(to, to) >= limit * limit && dot(to, normal) >= radius_;
 }
 
+double LuminaireIlluminance::from_infinity(const Vec3d& normal) const {
+    if (const auto* distant = std::get_if<DistantLuminaire>(&luminaire_.shape)) {
+        return distant->illuminance(luminaire_.z, normal);
+    }
+    const auto& dome = std::get<DomeLuminaire>(luminaire_.shape);
+    return luminance(dome.luminance->illuminance(to_local(normal)));
+}
+
+// Of a dome one of several directions by its share of their illuminance [resampled importance
+// sampling, Talbot et al. 2005].
+ShadowSample LuminaireIlluminance::infinite_sample(const Receiver& receiver, double u,
+                                                   double v) const {
+    const Vec3d normal = receiver.normal.as<double>();
+    if (const auto* distant = std::get_if<DistantLuminaire>(&luminaire_.shape)) {
+        const Vec3d to_light = distant->direction(luminaire_.z, u, v);
+        return {distant->entry->beyond(receiver.position, to_light),
+                std::max(0.0, dot(to_light, normal)), luminaire_.colour};
+    }
+    const auto& dome = std::get<DomeLuminaire>(luminaire_.shape);
+    constexpr int kCandidates = 8;
+    std::array<DomeLuminance::Sample, kCandidates> candidates;
+    std::array<double, kCandidates> weights{};
+    double sum = 0.0;
+    for (int k = 0; k < kCandidates; ++k) {
+        const auto turned = [](double a) { return a - std::floor(a); };
+        candidates[k] = dome.luminance->sample(turned(u + static_cast<double>(k) / kCandidates),
+                                               turned(v + k * std::numbers::phi));
+        weights[k] = std::max(0.0, dot(to_world(candidates[k].direction), normal));
+        sum += weights[k];
+    }
+    // What chose among the candidates' shifts has digits left.
+    double chosen = (u * kCandidates * 512.0 - std::floor(u * kCandidates * 512.0)) * sum;
+    int k = 0;
+    while (k + 1 < kCandidates && chosen >= weights[k]) {
+        chosen -= weights[k++];
+    }
+    const Vec3f& light = candidates[k].luminance;
+    return {dome.entry->beyond(receiver.position, to_world(candidates[k].direction)), weights[k],
+            light * (1.0F / luminance(light))};
+}
+
 double LuminaireIlluminance::unoccluded(const Receiver& receiver) const {
+    if (is_infinite_) {
+        return from_infinity(receiver.normal.as<double>());
+    }
     const Vec3d to = luminaire_.position - receiver.position;
     const Vec3d normal = receiver.normal.as<double>();
     const double height = dot(to, normal);
@@ -195,6 +241,16 @@ double LuminaireIlluminance::constant_luminance(const Vec3d& to, const Vec3d& no
                            outline.add_segment(low.at(-side.half_arc), high.at(-side.half_arc));
                            return true;
                        },
+                       [&](const TriangleLuminaire& s) {
+                           if (c.z <= 0.0) {
+                               return false;
+                           }
+                           outline.add_segment(c + s.a, c + s.b);
+                           outline.add_segment(c + s.b, c + s.c);
+                           outline.add_segment(c + s.c, c + s.a);
+                           return true;
+                       },
+                       [](const auto&) { return false; },
                    },
                    luminaire_.shape);
     return seen ? luminance * outline.projected_solid_angle() : 0.0;
@@ -253,6 +309,8 @@ LuminaireIlluminance::Sight LuminaireIlluminance::sight(const Receiver& receiver
                     side.half_arc * std::max(0.0, dot(back, across)) / std::hypot(back.y, back.z);
                 return out;
             },
+            [&](const TriangleLuminaire& s) { return from_point(s.point(u, v)); },
+            [&](const auto&) { return Sight{to, 0.0}; },
         },
         luminaire_.shape);
 }
@@ -288,6 +346,9 @@ double LuminaireIlluminance::quadrature(const Receiver& receiver) const {
 
 ShadowSample LuminaireIlluminance::shadow_sample(const Receiver& receiver, double u,
                                                  double v) const {
+    if (is_infinite_) {
+        return infinite_sample(receiver, u, v);
+    }
     const Sight s = sight(receiver, u, v);
     double weight = s.factor;
     const Vec3d to = luminaire_.position - receiver.position;
@@ -296,7 +357,7 @@ ShadowSample LuminaireIlluminance::shadow_sample(const Receiver& receiver, doubl
     if (weight > 0.0 && !point) {
         weight *= intensity(s.to * (-1.0 / length(s.to)));
     }
-    return {receiver.position + s.to, weight};
+    return {receiver.position + s.to, weight, luminaire_.colour};
 }
 
 } // namespace isolux

@@ -11,8 +11,9 @@ namespace isolux {
 // A point of the luminaire that the receiver faces, and the illuminance that comes from around it,
 // up to a factor common to all points of a luminaire.
 struct ShadowSample {
-    Vec3d point; // m, world space
+    Vec3d point; // m, world space; of an infinite luminaire, outside of the scene
     double weight;
+    Vec3f colour; // of luminance 1
 };
 
 class LuminaireIlluminance {
@@ -20,6 +21,7 @@ class LuminaireIlluminance {
     explicit LuminaireIlluminance(const Luminaire& luminaire);
 
     const Luminaire& luminaire() const { return luminaire_; }
+    bool is_infinite() const { return is_infinite_; }
     // m, of the sphere around the luminaire's position that holds all of it.
     double radius() const { return radius_; }
 
@@ -50,11 +52,15 @@ class LuminaireIlluminance {
     bool is_far(const Vec3d& to, const Vec3d& normal, double openings) const;
     double constant_luminance(const Vec3d& to, const Vec3d& normal) const;
     double quadrature(const Receiver& receiver) const;
+    double from_infinity(const Vec3d& normal) const;
+    ShadowSample infinite_sample(const Receiver& receiver, double u, double v) const;
     double intensity(const Vec3d& direction) const; // cd; world space, unit
-    Vec3d to_local(const Vec3d& v) const;
-    Vec3d to_world(const Vec3d& v) const;
+
+    Vec3d to_local(const Vec3d& v) const { return luminaire_.to_local(v); }
+    Vec3d to_world(const Vec3d& v) const { return luminaire_.to_world(v); }
 
     Luminaire luminaire_;
+    bool is_infinite_;
     double radius_, reach_;
     double point_openings_; // beyond so many a diagram is a point's
     double area_;           // luminous, m²

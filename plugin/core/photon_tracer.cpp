@@ -87,7 +87,7 @@ class PhotonWalk {
         const Vec3f plane = luminaire.z.as<float>();
         const Vec3f away = direction + plane * std::copysign(1.0F, dot(direction, plane));
         photon.ray = {origin + away * caster.offset(origin, 0.0F), direction};
-        photon.colour = luminaire.colour;
+        photon.colour = emission.colour;
         if (luminaire.links) {
             photon.links = luminaire.links.get();
             photon.ray.meshes = photon.links->met.data();

@@ -1,13 +1,44 @@
 #include "core/scene.h"
 
 #include <algorithm>
-#include <cassert>
 #include <stdexcept>
 
 namespace isolux {
 namespace {
 
 bool grey(const Vec3f& c) { return c.x == c.y && c.y == c.z; }
+
+bool is_grey(const Luminaire& luminaire) {
+    const auto* dome = std::get_if<DomeLuminaire>(&luminaire.shape);
+    return grey(luminaire.colour) && (dome == nullptr || dome->luminance->is_grey());
+}
+
+SceneBounds bounds_of(const IlluminationMesh& mesh) {
+    SceneBounds out{mesh.positions.front(), mesh.positions.front()};
+    for (const Vec3d& p : mesh.positions) {
+        out.low = {std::min(out.low.x, p.x), std::min(out.low.y, p.y), std::min(out.low.z, p.z)};
+        out.high = {std::max(out.high.x, p.x), std::max(out.high.y, p.y),
+                    std::max(out.high.z, p.z)};
+    }
+    return out;
+}
+
+// Those infinitely far last, aimed at the mesh; without those of which no light arrives.
+std::vector<Luminaire> aimed(std::vector<Luminaire> luminaires, const IlluminationMesh& mesh) {
+    const auto infinite = std::ranges::stable_partition(
+        luminaires, [](const Luminaire& l) { return !l.is_infinite(); });
+    if (!infinite.empty() && !mesh.positions.empty()) {
+        const SceneBounds bounds = bounds_of(mesh);
+        for (Luminaire& luminaire : infinite) {
+            luminaire.aim(bounds);
+        }
+    }
+    std::erase_if(luminaires, [](const Luminaire& l) { return !(l.luminous_flux > 0.0); });
+    if (luminaires.empty()) {
+        throw std::invalid_argument("no light arrives from any luminaire");
+    }
+    return luminaires;
+}
 
 std::vector<std::array<std::int32_t, 3>> triangles_of(const IlluminationMesh& mesh) {
     std::vector<std::array<std::int32_t, 3>> out(mesh.elements.size());
@@ -47,15 +78,13 @@ std::vector<std::int32_t> meshes_of(const IlluminationMesh& mesh,
 } // namespace
 
 Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires, int threads)
-    : mesh_(std::move(mesh)), luminaires_(std::move(luminaires)), luminous_flux_(0.0),
+    : mesh_(std::move(mesh)), luminaires_(aimed(std::move(luminaires), mesh_)), luminous_flux_(0.0),
       coloured_(!std::ranges::all_of(mesh_.surfaces, grey, &Surface::reflectance) ||
-                !std::ranges::all_of(luminaires_, grey, &Luminaire::colour)),
+                !std::ranges::all_of(luminaires_, is_grey)),
       ray_caster_({mesh_.positions, triangles_of(mesh_), opacities_of(mesh_),
                    meshes_of(mesh_, luminaires_)},
                   threads) {
-    assert(!luminaires_.empty());
     for (const auto& luminaire : luminaires_) {
-        assert(luminaire.luminous_flux > 0.0);
         if (luminaire.links && luminaire.links->lit.size() != mesh_.meshes.size()) {
             throw std::invalid_argument("light links want one entry a mesh");
         }

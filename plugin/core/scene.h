@@ -11,10 +11,11 @@ namespace isolux {
 
 class Scene {
   public:
-    // At least one element and one luminaire of positive flux.
+    // At least one element and one luminaire of positive flux; those infinitely far are aimed here.
     Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires, int threads);
 
     const IlluminationMesh& mesh() const { return mesh_; }
+    // Those infinitely far last.
     const std::vector<Luminaire>& luminaires() const { return luminaires_; }
     const RayCaster& ray_caster() const { return ray_caster_; }
     double luminous_flux() const { return luminous_flux_; } // lm

@@ -35,7 +35,7 @@ def require_light_and_surface(scene: SceneDescription, subject: str = "stage") -
         raise SceneError(
             subject,
             f"no luminaire{but}",
-            "at least one visible SphereLight, DiskLight, RectLight or CylinderLight",
+            "at least one visible light or emissive mesh",
         )
 
 
@@ -56,19 +56,47 @@ def build_core_scene(
             mesh.flip_winding,
             mesh.opacity,
         )
+    meshes = {mesh.path: mesh for mesh in scene.meshes}
     links = _LightLinks(scene.meshes)
     for luminaire in scene.luminaires:
-        builder.add_luminaire(
-            luminaire.shape,
-            luminaire.origin,
-            luminaire.axes,
-            luminaire.size,
-            luminaire.colour,
-            luminaire.luminous_flux,
-            _candela_distribution(luminaire.diagram),
-            links.of(luminaire),
-        )
-    return builder.build(threads)
+        if luminaire.shape == "mesh":
+            _add_mesh_luminaire(builder, meshes[luminaire.path], links.of(luminaire))
+        else:
+            _add_luminaire(builder, luminaire, links.of(luminaire))
+    try:
+        return builder.build(threads)
+    except ValueError as error:
+        raise SceneError("stage", str(error), "a luminaire that shines on its meshes") from None
+
+
+def _add_luminaire(
+    builder: _core.SceneBuilder, luminaire: LuminaireDescription, links: _core.MeshLinks | None
+) -> None:
+    if luminaire.environment is not None:
+        width = luminaire.environment.shape[1]
+        builder.add_dome(luminaire.axes, luminaire.environment.reshape(-1, 3), width, links)
+        return
+    builder.add_luminaire(
+        luminaire.shape,
+        luminaire.origin,
+        luminaire.axes,
+        luminaire.size,
+        luminaire.colour,
+        luminaire.luminous_flux,
+        _candela_distribution(luminaire.diagram),
+        links,
+    )
+
+
+def _add_mesh_luminaire(
+    builder: _core.SceneBuilder, mesh: MeshDescription, links: _core.MeshLinks | None
+) -> None:
+    """Each element that shines is a luminaire."""
+    assert mesh.emission is not None
+    corners, faces = mesh_triangles(mesh)
+    luminance = mesh.emission if len(mesh.emission) == 1 else mesh.emission[faces]
+    triangles = mesh.face_vertex_indices[corners]
+    builder.add_mesh_luminaire(mesh.points, triangles, luminance, mesh.double_sided, links)
 
 
 class _LightLinks:

@@ -22,6 +22,8 @@ def luminaire_triangles(
     returns : points (P, 3) float64, metres, world space; triangles (T, 3) int32. Both are empty
         for a luminaire without area.
     """
+    if luminaire.is_infinite or luminaire.shape == "mesh":  # nowhere, or among the meshes
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
     width, length = luminaire.size
     angle = np.linspace(0.0, 2 * np.pi, _FACETS, endpoint=False)
     if luminaire.shape == "rect":

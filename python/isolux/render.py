@@ -206,6 +206,9 @@ def _refined_mesh(
         corner_normals=None,
         hole_faces=np.zeros(0, np.int32),
         reflectance=reflectance[parents] if len(reflectance) > 1 else reflectance,
+        emission=mesh.emission
+        if mesh.emission is None or len(mesh.emission) == 1
+        else mesh.emission[parents],
     )
 
 
@@ -220,9 +223,13 @@ def _lit_mesh(prim: Usd.Prim, mesh: MeshDescription, when: Usd.TimeCode) -> Surf
     corners, faces = mesh_triangles(mesh)
     reflectance = np.broadcast_to(mesh.reflectance, (len(mesh.face_vertex_counts), 3))[faces]
 
+    own = np.zeros((1, 1, 3), np.float32)
+    if mesh.emission is not None:
+        own = np.broadcast_to(mesh.emission, (len(mesh.face_vertex_counts), 3))[faces][:, None, :]
+
     def luminance(primvar: str) -> NDArray[np.float32]:
         illuminance = _corner_illuminance(prim, primvar, mesh, when)
-        return reflectance[:, None, :] * illuminance[corners] / np.float32(np.pi)
+        return own + reflectance[:, None, :] * illuminance[corners] / np.float32(np.pi)
 
     return Surface(
         mesh.points,

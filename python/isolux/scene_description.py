@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from .subdivision import SubdivisionCage
 
-LuminaireShape = Literal["sphere", "disk", "rect", "cylinder"]
+LuminaireShape = Literal["sphere", "disk", "rect", "cylinder", "distant", "dome", "mesh"]
 FindingAction = Literal["skipped", "approximated", "repaired", "noted"]
 
 
@@ -77,16 +77,21 @@ class LuminaireDescription:
 
     path : prim path
     shape : sphere (size: radius, 0), disk (radius, 0), rect (width along X, height along Y),
-        cylinder (radius, length along X)
+        cylinder (radius, length along X), distant (half its angle in rad, 0), dome, mesh: what
+        shines of the MeshDescription of the same path
     origin : (3,) float64, metres, world space
     axes : (3, 3) float64, rows are the unit local X, Y, Z in world space, orthonormal
     size : (2,) float64, metres
     colour : (3,) float64, linear Rec. 709, scaled to luminance 1
-    luminous_flux : lm, > 0
+    luminous_flux : lm, > 0; of a distant light or a dome, which shine on all of a scene, lm/m²:
+        of each of its directions through the plane across it
     diagram : directions by relative intensity, scaled to luminous_flux; None: a surface of
         constant luminance (disk and rect shine to -Z, cylinder without its end caps)
     lit_meshes : paths of the meshes that it lights; None: all
     shadow_meshes : paths of the meshes that stand in its light; None: all
+    environment : of a dome, (H, W, 3) float32, luminance in cd/m² by channel over latitude and
+        longitude as OpenEXR has them: rows from local +Y to −Y, the middle column +Z and those left
+        of it +X; axes may be left-handed
     """
 
     path: str
@@ -99,6 +104,12 @@ class LuminaireDescription:
     diagram: GoniometricDiagram | None
     lit_meshes: frozenset[str] | None = None
     shadow_meshes: frozenset[str] | None = None
+    environment: NDArray[np.float32] | None = None
+
+    @property
+    def is_infinite(self) -> bool:
+        """Whether it shines from infinitely far."""
+        return self.shape in ("distant", "dome")
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,5 +152,6 @@ class SceneDescription:
 
     @property
     def luminous_flux(self) -> float:
-        """Total luminous flux of all luminaires, lm."""
-        return float(sum(luminaire.luminous_flux for luminaire in self.luminaires))
+        """Total luminous flux of all luminaires but those that shine from infinitely far, lm."""
+        finite = (light for light in self.luminaires if not light.is_infinite)
+        return float(sum(light.luminous_flux for light in finite))

@@ -46,7 +46,13 @@ def scene_summary(scene: SceneDescription) -> str:
         (len(scene.luminaires), "luminaire", "luminaires"),
     )
     counts = [f"{count:,} {one if count == 1 else more}" for count, one, more in parts]
-    return ", ".join([*counts, f"{_lumens(scene.luminous_flux)} lm"])
+    flux = scene.luminous_flux
+    from_afar = sum(light.luminous_flux for light in scene.luminaires if light.is_infinite)
+    if flux > 0 or not from_afar:
+        counts.append(f"{_lumens(flux)} lm")
+    if from_afar:
+        counts.append(f"{_lumens(from_afar)} lm/m² from afar")
+    return ", ".join(counts)
 
 
 def prims_table(scene: SceneDescription) -> Table:
@@ -100,6 +106,15 @@ def luminaire_table(luminaires: Sequence[LuminaireDescription]) -> Table:
             if diagram is None
             else f"diagram of {len(diagram.gamma)} γ × {len(diagram.c_angles)} C"
         )
+        if luminaire.is_infinite:
+            flux = f"{_lumens(luminaire.luminous_flux)}/m²"
+            size = (
+                f"{math.degrees(2 * luminaire.size[0]):.3g}°"
+                if luminaire.shape == "distant"
+                else "∞"
+            )
+            table.add_row(luminaire.path, luminaire.shape, size, flux, directions)
+            continue
         size = " × ".join(f"{length:.3g}" for length in luminaire.size if length > 0) or "0"
         table.add_row(
             luminaire.path, luminaire.shape, size, _lumens(luminaire.luminous_flux), directions

@@ -85,6 +85,10 @@ class Baked:
         return self.surface.refine_primvar(np.array(primvar.Get(1.0)), interpolation, indices)
 
 
+def points_at_corners(mesh):
+    return np.array(mesh.GetPointsAttr().Get())[mesh.GetFaceVertexIndicesAttr().Get()]
+
+
 def smooth(cage_values):
     """What a function given on the cage's points is on the limit surface."""
     return lambda places, faces, surface, points: surface.limit_stencils[points] @ cage_values
@@ -205,7 +209,9 @@ def test_output_mode_refined_writes_the_limit_surface_as_polygons(tmp_path):
     )
     mesh = UsdGeom.Mesh(baked.prim)
     assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
-    assert mesh.GetNormalsAttr().Get() is None
+    normals = np.array(mesh.GetNormalsAttr().Get())
+    assert mesh.GetNormalsInterpolation() == "faceVarying"
+    assert (np.einsum("ij,ij->i", normals, points_at_corners(mesh)) > 0.8).all()
     points = np.array(mesh.GetPointsAttr().Get())
     np.testing.assert_allclose(points[: len(baked.mesh.points)], baked.mesh.points, atol=1e-6)
     parents = np.array(baked.primvar("isolux:sourceFace").Get())

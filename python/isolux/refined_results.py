@@ -39,9 +39,8 @@ _BLOCKED = (
     "holeIndices",
     "skel:blendShapes",
 )
-_NORMALS = ("normals", "primvars:normals")
 _BY_POINT = ("velocities", "accelerations")
-# Primvars of skinned meshes that hold for the pose in which their skeleton was bound.
+# Primvars that hold for the pose in which a skeleton was bound, or not for a limit surface.
 _OF_THE_REST_POSE = ("normals", "skel:jointIndices", "skel:jointWeights")
 _Types = Sdf.ValueTypeNames
 
@@ -51,19 +50,22 @@ def write_refined_mesh(
     prim: Usd.Prim,
     time: Usd.TimeCode,
     topology: RefinedTopology | RefinedCageTopology,
-    posed: LocalShape | None = None,
+    solved: LocalShape | None = None,
+    is_posed: bool = False,
 ) -> list[Finding]:
     """Write topology, points, primvars and subsets of one mesh; what was there is replaced.
 
     layer : the results layer
     prim : the mesh on the source stage
     time : at which the source was read
-    posed : where a skeleton deforms the mesh, its pose: the refined mesh is bound to none
+    solved : the faces that the solver saw, where the prim's own normals don't hold for them: in
+        the pose of a skeleton, to which the refined mesh is not bound, or on a limit surface
+    is_posed : whether their points are not the prim's own either
     returns : what could not be carried over as it is
     """
     diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # findings say it, not stderr
     try:
-        return _RefinedPrim(layer, prim, time, topology, posed).write()
+        return _RefinedPrim(layer, prim, time, topology, solved, is_posed).write()
     finally:
         diagnostics.TakeUncoalescedDiagnostics()
 
@@ -75,19 +77,17 @@ class _RefinedPrim:
         prim: Usd.Prim,
         time: Usd.TimeCode,
         topology: RefinedTopology | RefinedCageTopology,
-        posed: LocalShape | None,
+        solved: LocalShape | None,
+        is_posed: bool,
     ) -> None:
         self._spec = Sdf.CreatePrimInLayer(layer, prim.GetPath())
         self._prim = prim
         self._mesh = UsdGeom.Mesh(prim)
         self._time = time
         self._topology = topology
-        self._posed = posed
-        # A pose holds for the points that the solver saw.
+        self._solved_shape = solved
+        self._is_posed = is_posed
         self._solved = topology.solved if isinstance(topology, RefinedCageTopology) else topology
-        # A subdivision surface has none but its own normals; as polygons it would take these.
-        self._was_subdivided = isinstance(topology, RefinedCageTopology)
-        self._left_out = _OWN_PRIMVARS | ({"normals"} if self._was_subdivided else set())
         self._findings: list[Finding] = []
 
     def write(self) -> list[Finding]:
@@ -96,17 +96,17 @@ class _RefinedPrim:
             attribute = self._prim.GetAttribute(name)
             if attribute.HasAuthoredValue():
                 self._write_attribute(attribute, "vertex")
-        if self._posed:
-            self._write_pose(self._posed)
-        elif self._mesh.GetNormalsAttr().HasAuthoredValue() and not self._was_subdivided:
+        if self._solved_shape:
+            self._write_solved_normals(self._solved_shape)
+        elif self._mesh.GetNormalsAttr().HasAuthoredValue():
             self._write_attribute(
                 self._mesh.GetNormalsAttr(), str(self._mesh.GetNormalsInterpolation())
             )
         for primvar in UsdGeom.PrimvarsAPI(self._prim).GetPrimvarsWithAuthoredValues():
-            unbound = self._posed and primvar.GetPrimvarName() in _OF_THE_REST_POSE
-            if primvar.GetPrimvarName() not in self._left_out and not unbound:
+            unbound = self._solved_shape and primvar.GetPrimvarName() in _OF_THE_REST_POSE
+            if primvar.GetPrimvarName() not in _OWN_PRIMVARS and not unbound:
                 self._write_primvar(primvar)
-        for name in (*_BLOCKED, *(_NORMALS if self._was_subdivided else ())):
+        for name in _BLOCKED:
             attribute = self._prim.GetAttribute(name)
             if attribute.HasAuthoredValue():
                 self._author(name, attribute.GetTypeName(), Sdf.ValueBlock())
@@ -114,24 +114,24 @@ class _RefinedPrim:
             self._write_subset(subset)
         return self._findings
 
-    def _write_pose(self, posed: LocalShape) -> None:
-        """The pose's own normals; nothing of the skeleton."""
+    def _write_solved_normals(self, solved: LocalShape) -> None:
+        """The normals that the solver saw; nothing of the skeleton."""
         for primvar_name in _OF_THE_REST_POSE:
             attribute = self._prim.GetAttribute(f"primvars:{primvar_name}")
             if attribute.HasAuthoredValue():
                 self._author(attribute.GetName(), attribute.GetTypeName(), Sdf.ValueBlock())
-        if posed.corner_normals is None:
+        if solved.corner_normals is None:
             self._author("normals", _Types.Normal3fArray, Sdf.ValueBlock())
             return
-        carried = _unit(self._solved.interpolated(posed.corner_normals, "faceVarying"))
+        carried = _unit(self._solved.interpolated(solved.corner_normals, "faceVarying"))
         normals = Vt.Vec3fArray.FromNumpy(carried.astype(np.float32))
         attribute = self._author("normals", _Types.Normal3fArray, normals)
         attribute.SetInfo("interpolation", UsdGeom.Tokens.faceVarying)
 
     def _write_topology(self) -> None:
         topology = self._topology
-        if self._posed:
-            placed = self._solved.interpolated(self._posed.points, "vertex")
+        if self._solved_shape and self._is_posed:
+            placed = self._solved.interpolated(self._solved_shape.points, "vertex")
         else:
             authored = np.asarray(self._mesh.GetPointsAttr().Get(self._time), np.float32)
             placed = topology.interpolated(authored, "vertex")

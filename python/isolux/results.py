@@ -351,9 +351,13 @@ class ResultsWriter:
         if not source.IsA(UsdGeom.Mesh):
             alone = stage_of_mesh(source, self._time, mesh)
             source = alone.GetPrimAtPath(mesh.path)
-        posed = local_shape(source, self._time, mesh) if mesh.path in self._posed else None
+        is_posed = mesh.path in self._posed
+        own_normals = mesh.cage is None and not is_posed
+        solved = None if own_normals else local_shape(source, self._time, mesh)
         shown = topology if mesh.cage is None else RefinedCageTopology(topology, mesh.cage)
-        self._refined_findings += write_refined_mesh(self._layer, source, self._time, shown, posed)
+        self._refined_findings += write_refined_mesh(
+            self._layer, source, self._time, shown, solved, is_posed
+        )
 
     def _write_shape(self, mesh: MeshDescription) -> None:
         """Where the source has a shape and no mesh, make it one."""

@@ -121,6 +121,25 @@ def test_each_frame_is_a_solve_at_its_time(tmp_path, prims):
         )
 
 
+def test_a_moving_subdivision_surface_has_its_light_on_the_cage(tmp_path):
+    source = write(tmp_path, FLOOR, FOLD.replace('"none"', '"catmullClark"'))
+    shot = tmp_path / "shot.isolux.usda"
+    result = isolux("solve", source, "-o", shot, "--frames", "1:3", *BUDGET)
+    assert result.exit_code == ExitCode.DONE, result.stderr
+    played = Usd.Stage.Open(str(shot))
+    for frame in (1, 3):
+        single = tmp_path / f"single_{frame}.usda"
+        assert isolux("solve", source, "-o", single, "--time", frame, *BUDGET).exit_code == 0
+        alone = Usd.Stage.Open(str(single))
+        for name in ("isolux:illuminance", "displayColor"):
+            primvar = UsdGeom.PrimvarsAPI(alone.GetPrimAtPath("/World/Fold")).GetPrimvar(name)
+            last = primvar.GetTimeSamples()[-1]
+            np.testing.assert_array_equal(
+                corner_values(played, "/World/Fold", name, frame),
+                corner_values(alone, "/World/Fold", name, last),
+            )
+
+
 def test_the_moving_lamp_moves_the_light(tmp_path):
     """Frames 1 and 3 mirror each other: the brighter side of the floor changes."""
     source = write(tmp_path, FLOOR)

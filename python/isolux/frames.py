@@ -30,6 +30,11 @@ CLIP_SET = "isolux"
 
 # What a change of these over time does to the points and creases of a mesh.
 _SHAPE_ATTRIBUTES = (
+    "cornerIndices",
+    "cornerSharpnesses",
+    "creaseIndices",
+    "creaseLengths",
+    "creaseSharpnesses",
     "faceVertexCounts",
     "faceVertexIndices",
     "holeIndices",
@@ -226,10 +231,11 @@ def _hold_at(attribute: Sdf.AttributeSpec, frame: float) -> None:
 
 def _spread_to_corners(prim: Sdf.PrimSpec, mesh: MeshDescription) -> None:
     """Turn values by point into values by corner: the same array, picked by indices."""
+    points = mesh.face_vertex_indices if mesh.cage is None else mesh.cage.topology.indices
     for field in OUTPUT_FIELDS:
         attribute = prim.attributes.get(f"primvars:{field.name}")
         if attribute is None or attribute.GetInfo("interpolation") != UsdGeom.Tokens.vertex:
             continue
         attribute.SetInfo("interpolation", UsdGeom.Tokens.faceVarying)
         indices = prim.attributes[f"primvars:{field.name}:indices"]
-        indices.default = Vt.IntArray.FromNumpy(mesh.face_vertex_indices)
+        indices.default = Vt.IntArray.FromNumpy(points)

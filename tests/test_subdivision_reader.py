@@ -212,3 +212,54 @@ def test_an_unknown_scheme_stays_a_cage_and_says_so():
 def test_a_cage_without_extent_is_read():
     mesh, _ = read(np.full((8, 3), 1 / 3), CUBE_FACES)
     np.testing.assert_allclose(mesh.points, 1 / 3)
+
+
+@pytest.mark.parametrize(
+    ("interpolation", "values"),
+    [("vertex", range(9)), ("varying", range(9)), ("faceVarying", [0, 1, 4, 3, 1, 2, 5, 4] * 2)],
+)
+def test_colours_given_at_points_and_corners_vary_over_the_refined_faces(interpolation, values):
+    """Red grows along x: each refined face has the mean of its corners, not of its cage face's."""
+    points, faces = grid(2)
+    if interpolation == "faceVarying":
+        values = np.concatenate(faces)
+    # A bent sheet, to be refined; red is x / 2 on its cage.
+    points[:, 2] = [0, 1, 0] * 3
+    colours = [(float(points[v, 0] / 2) * 0.9, 0.2, 0.2) for v in values]
+    extra = f'color3f[] primvars:displayColor = {colours} ( interpolation = "{interpolation}" )'
+    mesh, found = read(points, faces, extra)
+    assert mesh.cage.level == 2
+    assert len(mesh.reflectance) == 4 * 16
+    refined = mesh.cage.refine()
+    at_corners = refined.topology.to_corners(
+        refined.refine_primvar(
+            points[:, :1] * 0.45, "vertex" if interpolation == "vertex" else "varying"
+        ),
+        "vertex",
+    )
+    expected = at_corners.reshape(-1, 4).mean(axis=1)
+    tolerance = 0.02 if interpolation == "faceVarying" else 1e-6  # corners of a chart stay corners
+    np.testing.assert_allclose(mesh.reflectance[:, 0], expected, atol=tolerance)
+    assert not found
+
+
+def test_a_material_subset_of_the_cage_covers_the_parts_of_its_faces():
+    subset = """
+        def GeomSubset "Red" ( prepend apiSchemas = ["MaterialBindingAPI"] ) {
+            uniform token elementType = "face"
+            uniform token familyName = "materialBind"
+            int[] indices = [0, 3]
+            rel material:binding = </Cage/Paint>
+        }
+        def Material "Paint" {
+            token outputs:surface.connect = </Cage/Paint/Shader.outputs:surface>
+            def Shader "Shader" {
+                uniform token info:id = "UsdPreviewSurface"
+                color3f inputs:diffuseColor = (0.7, 0.1, 0.1)
+                token outputs:surface
+            }
+        }"""
+    mesh, _ = read(CUBE_POINTS, CUBE_FACES, subset)
+    parents = mesh.cage.refine().cage_faces
+    is_red = mesh.reflectance[:, 0] > 0.5
+    np.testing.assert_array_equal(is_red, np.isin(parents, [0, 3]))

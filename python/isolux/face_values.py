@@ -22,6 +22,7 @@ from .shader_values import (
     Value,
     evaluate,
 )
+from .subdivision import RefinedSurface
 from .texture_mean import TexelSums
 
 # Sums of texels kept for the next mesh.
@@ -87,7 +88,7 @@ def udim_numbers(triangles: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 class FaceValues:
-    """Brings values to the faces of one mesh."""
+    """Brings values to the faces of one mesh: of a subdivision surface, to its refined faces."""
 
     def __init__(
         self,
@@ -95,9 +96,12 @@ class FaceValues:
         topology: MeshTopology,
         context: ReadingContext,
         means: TextureMeans,
+        refined: RefinedSurface | None = None,
     ) -> None:
         self._prim = prim
-        self._topology = topology
+        self._authored = topology
+        self._refined = refined
+        self._topology = topology if refined is None else refined.topology
         self._context = context
         self._means = means
         self._primvars: dict[str, tuple[NDArray[np.floating], str] | None] = {}
@@ -140,12 +144,14 @@ class FaceValues:
             return None
         values = values.reshape(-1, 1) if values.ndim < 2 else values.reshape(len(values), -1)
         interpolation = str(primvar.GetInterpolation())
-        if not self._topology.has_values(values, interpolation):
-            wanted = self._topology.value_count(interpolation)
+        if not self._authored.has_values(values, interpolation):
+            wanted = self._authored.value_count(interpolation)
             self._repaired(name, f"{len(values)} {interpolation} values, {wanted} wanted: ignored")
             return None
         if values.shape[1] == 3:
             values = attribute_colours(primvar.GetAttr(), values, self._context)
+        if self._refined is not None:
+            values = self._refined.refine_primvar(values, interpolation)
         return values, interpolation
 
     def _repaired(self, name: str, reason: str) -> None:

@@ -20,6 +20,7 @@ from .reading_context import ReadingContext, triple
 from .scene_description import FindingAction
 from .shader_network import ShaderNetwork
 from .shader_values import Constant, PrimvarValue
+from .subdivision import RefinedSurface
 from .surface_models import SURFACE_MODELS, Surface, SurfaceReader
 
 DEFAULT_REFLECTANCE = 0.18
@@ -57,13 +58,20 @@ class MaterialReader:
         self._means = TextureMeans()
         self._binding = MaterialBinding()
 
-    def surfaces(self, mesh: UsdGeom.Gprim, topology: MeshTopology) -> FaceSurfaces:
+    def surfaces(
+        self,
+        mesh: UsdGeom.Gprim,
+        topology: MeshTopology,
+        refined: RefinedSurface | None = None,
+    ) -> FaceSurfaces:
         """Reflectance, opacity and emission of a mesh's faces.
+
+        refined : a subdivision surface, whose refined faces are meant in place of the cage's
 
         Faces in a material subset take its material, the others the mesh's own.
         Raises SceneError where a reflectance is outside [0, 1] or NaN.
         """
-        values = FaceValues(mesh.GetPrim(), topology, self._context, self._means)
+        values = FaceValues(mesh.GetPrim(), topology, self._context, self._means, refined)
         parts = self._parts(mesh, topology)
         if not parts:
             return self._bound(mesh.GetPrim(), mesh, values, None)
@@ -75,6 +83,9 @@ class MaterialReader:
                 reason = f"{twice} faces lie in an earlier subset too: this one counts"
                 self._context.note(subset, "GeomSubset", "repaired", reason)
             owner[faces] = number
+        if refined is not None:
+            owner = owner[refined.cage_faces]
+            face_count = len(owner)
         reflectance = np.zeros((face_count, 3), np.float32)
         opacity, emission = np.ones(face_count, np.float32), np.zeros((face_count, 3), np.float32)
         for number, prim in [(-1, mesh.GetPrim()), *((i, p) for i, (p, _) in enumerate(parts))]:

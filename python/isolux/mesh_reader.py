@@ -16,7 +16,7 @@ from .mesh_topology import MeshTopology
 from .reading_context import ReadingContext
 from .scene_description import MeshDescription
 from .skinned_points import Pose
-from .subdivision_reader import subdivided
+from .subdivision_reader import on_limit_surface, refined_surface
 
 # Faces on which authored normals are compared with the winding: enough to tell a majority.
 NORMAL_CHECK_FACES = 2000
@@ -82,23 +82,25 @@ def read_mesh(
             reason = "most point to the back of their faces: geometric ones instead"
             context.note(prim, "normals", "repaired", reason)
             normals = None
-    surfaces = materials.surfaces(mesh, topology)
+    holes = _hole_faces(mesh, len(topology.counts), context)
+    refined = None
+    if scheme != UsdGeom.Tokens.none:
+        refined = refined_surface(mesh, str(scheme), topology, world, holes, context)
+    surfaces = materials.surfaces(mesh, topology, refined)
     description = MeshDescription(
         path=str(prim.GetPath()),
         points=world,
         face_vertex_counts=topology.counts,
         face_vertex_indices=topology.indices,
         corner_normals=normals,
-        hole_faces=_hole_faces(mesh, len(topology.counts), context),
+        hole_faces=holes,
         reflectance=surfaces.reflectance,
         double_sided=bool(mesh.GetDoubleSidedAttr().Get(context.time)),
         flip_winding=flip_winding,
         opacity=surfaces.opacity,
         emission=surfaces.emission,
     )
-    if scheme == UsdGeom.Tokens.none:
-        return description
-    return subdivided(description, mesh, str(scheme), context)
+    return description if refined is None else on_limit_surface(description, refined)
 
 
 def _array(attribute: Usd.Attribute, time: Usd.TimeCode, dtype: type) -> NDArray:

@@ -40,35 +40,41 @@ class _Sharp:
     sharpness: NDArray[np.float32]
 
 
-def subdivided(
-    description: MeshDescription, mesh: UsdGeom.Mesh, scheme: str, context: ReadingContext
-) -> MeshDescription:
-    """The refined limit surface of a mesh; the mesh itself where it has none, and why as a finding.
+def refined_surface(
+    mesh: UsdGeom.Mesh,
+    scheme: str,
+    topology: MeshTopology,
+    points: NDArray[np.float64],
+    hole_faces: NDArray[np.int32],
+    context: ReadingContext,
+) -> RefinedSurface | None:
+    """The limit surface of a mesh; None where it stays its control cage, and why as a finding.
 
-    description : the cage as a polygon mesh, with what its materials say by face
-    scheme : its subdivisionScheme
+    scheme : its subdivisionScheme, not none
+    topology, points, hole_faces : of the cage; (P, 3) m, world space
     """
     if context.settings.surface_level == 0:
-        reason = f"{scheme} read as its control cage: surface_level is 0"
-        context.note(mesh.GetPrim(), "subdivisionScheme", "approximated", reason)
-        return description
-    cage = _read_cage(description, mesh, scheme, context)
-    fault = _too_many(cage)
-    surface = None
+        fault = "surface_level is 0"
+    else:
+        cage = _read_cage(mesh, scheme, topology, hole_faces, context)
+        fault = _too_many(cage)
     if not fault:
         try:
-            surface = _refined(cage, description.points, mesh.GetPrim(), context)
+            return _refined(cage, points, mesh.GetPrim(), context)
         except ValueError as error:
             fault = str(error)
-    if surface is None:
-        reason = f"{scheme} read as its control cage: {fault}"
-        context.note(mesh.GetPrim(), "subdivisionScheme", "approximated", reason)
-        return description
+    reason = f"{scheme} read as its control cage: {fault}"
+    context.note(mesh.GetPrim(), "subdivisionScheme", "approximated", reason)
+    return None
+
+
+def on_limit_surface(description: MeshDescription, surface: RefinedSurface) -> MeshDescription:
+    """A cage, with what its materials say of the refined faces, as those faces."""
     normals = surface.limit_normals(description.points)
     if normals is not None and description.flip_winding:
         normals = -normals
     return replace(
-        spread_over(description, surface),
+        description,
         points=surface.limit_points(description.points),
         face_vertex_counts=surface.topology.counts,
         face_vertex_indices=surface.topology.indices,
@@ -76,16 +82,6 @@ def subdivided(
         hole_faces=surface.hole_faces,
         cage=surface.cage,
     )
-
-
-def spread_over(description: MeshDescription, surface: RefinedSurface) -> MeshDescription:
-    """What is told by face, from the cage's faces to their parts."""
-    parts = {}
-    for name in ("reflectance", "opacity", "emission"):
-        values = getattr(description, name)
-        if values is not None and len(values) > 1:
-            parts[name] = values[surface.cage_faces]
-    return replace(description, **parts) if parts else description
 
 
 def _refined(
@@ -142,12 +138,13 @@ def _too_many(cage: SubdivisionCage) -> str:
 
 
 def _read_cage(
-    description: MeshDescription, mesh: UsdGeom.Mesh, scheme: str, context: ReadingContext
+    mesh: UsdGeom.Mesh,
+    scheme: str,
+    topology: MeshTopology,
+    hole_faces: NDArray[np.int32],
+    context: ReadingContext,
 ) -> SubdivisionCage:
     prim = mesh.GetPrim()
-    topology = MeshTopology(
-        description.face_vertex_counts, description.face_vertex_indices, len(description.points)
-    )
     faces = np.flatnonzero(topology.counts >= 3).astype(np.int32)
     if scheme == "loop" and (topology.counts[faces] > 3).any():
         quads = int((topology.counts[faces] > 3).sum())
@@ -160,7 +157,7 @@ def _read_cage(
     return SubdivisionCage(
         topology=topology,
         faces=faces,
-        hole_faces=description.hole_faces,
+        hole_faces=hole_faces,
         sharp_edges=edges.points.reshape(-1, 2),
         edge_sharpness=edges.sharpness,
         sharp_points=corners.points,

@@ -283,3 +283,17 @@ def test_noise_that_the_solver_tells_is_no_fault_of_the_cage(tmp_path):
     # Every cage value is a mean over many places.
     values = np.array(baked.primvar().Get(1.0))[:, 0]
     assert np.std(values) < 0.05 * 100
+
+
+def test_colours_that_vary_over_the_faces_are_smooth_on_the_cage(tmp_path):
+    colours = [(float(0.1 + 0.15 * p[0]), 0.3, 0.3) for p in WAVE_POINTS]
+    extra = f'color3f[] primvars:displayColor = {colours} ( interpolation = "vertex" )'
+    light = smooth(np.full((len(WAVE_POINTS), 3), 300.0))
+    baked = Baked(tmp_path, WAVE_POINTS, WAVE_FACES, light, extra)
+    primvar = baked.primvar("displayColor")
+    assert primvar.GetInterpolation() == "vertex"
+    # Under even light the shown colour rises with the reflectance, from dark to bright.
+    shown = baked.limit("displayColor")[:, 0]
+    x = baked.mesh.points[baked.mesh.face_vertex_indices, 0]
+    assert np.corrcoef(shown, x)[0, 1] > 0.99
+    assert np.ptp(shown[x < 0.1]) < 0.25 * np.ptp(shown)

@@ -153,7 +153,7 @@ class CageOutput:
         self._areas = areas
         corners = MeshCorners.of_authored(mesh, layout)
         look = surface_look(mesh)
-        kinds = face_kinds(look)
+        kinds = _cage_kinds(mesh.cage, face_kinds(look))
         crease = self._layout(mesh.cage, corners, look, np.zeros(1, np.int64))
         self._layouts = {
             "crease": crease,
@@ -232,6 +232,9 @@ class CageOutput:
     ) -> _CageLayout:
         """One place for each pair of illumination vertex and kind of face."""
         places, place_of_corner = corner_values(corners, reflectance, kinds)
+        if len(reflectance) > 1:
+            means = _means(place_of_corner, reflectance[corners.faces], len(places.front))
+            places = replace(places, reflectance=means)
         first_corner = np.zeros(len(places.front), np.int64)
         first_corner[place_of_corner[::-1]] = np.arange(len(place_of_corner))[::-1]
         on_surface = np.flatnonzero(places.front >= 0)
@@ -260,6 +263,30 @@ class CageOutput:
         return _CageLayout(kept, written, CageFit(stencils[rows], self._areas[kept.front]))
 
 
+def _cage_kinds(cage: SubdivisionCage, kinds: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Kinds of the refined faces: a colour that varies over a face of the cage is smooth there.
+
+    All parts of such faces are of one kind, so that only the colours of whole faces stay apart.
+    """
+    if len(kinds) == 1:
+        return kinds
+    parents = cage.refine().cage_faces
+    least = np.full(len(cage.topology.counts), kinds.max())
+    np.minimum.at(least, parents, kinds)
+    varies = np.zeros(len(least), bool)
+    varies[parents[kinds != least[parents]]] = True
+    kinds = np.where(varies[parents], -1, kinds)
+    return np.unique(kinds, return_inverse=True)[1].ravel()
+
+
+def _means(
+    places: NDArray[np.integer], values: NDArray[np.float32], count: int
+) -> NDArray[np.float32]:
+    """(count, K) means of (n, K) values, each at one of so many places."""
+    sums = np.stack([np.bincount(places, column, count) for column in values.T], axis=1)
+    return (sums / np.maximum(np.bincount(places, minlength=count), 1)[:, None]).astype(np.float32)
+
+
 def cage_corner_values(
     cage: SubdivisionCage,
     values: NDArray[np.float32],
@@ -276,10 +303,7 @@ def cage_face_means(cage: SubdivisionCage, values: NDArray[np.float32]) -> NDArr
     """(1, K) or (F, K) values of refined faces, as means over the parts of each cage face."""
     if len(values) == 1:
         return values
-    parents, count = cage.refine().cage_faces, len(cage.topology.counts)
-    sums = np.stack([np.bincount(parents, column, count) for column in values.T], axis=1)
-    parts = np.maximum(np.bincount(parents, minlength=count), 1)
-    return (sums / parts[:, None]).astype(np.float32)
+    return _means(cage.refine().cage_faces, values, len(cage.topology.counts))
 
 
 def _distinct_columns(values: NDArray[np.floating]) -> tuple[list[int], list[int]]:

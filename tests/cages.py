@@ -3,7 +3,7 @@
 import numpy as np
 
 from isolux.mesh_topology import MeshTopology
-from isolux.subdivision import SubdivisionCage
+from isolux.subdivision import SubdivisionCage, sound_faces
 
 CUBE_POINTS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 CUBE_FACES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
@@ -25,13 +25,16 @@ def cage(faces, point_count, level, *, creases=(), corners=(), holes=(), **rules
     """creases : (point, point, sharpness) each; corners : (point, sharpness) each."""
     creases = np.array(creases, float).reshape(-1, 3)
     corners = np.array(corners, float).reshape(-1, 2)
+    topology = MeshTopology(
+        np.array([len(f) for f in faces], np.int32),
+        np.concatenate(faces).astype(np.int32),
+        point_count,
+    )
+    sound, used_corners = sound_faces(topology)
     return SubdivisionCage(
-        topology=MeshTopology(
-            np.array([len(f) for f in faces], np.int32),
-            np.concatenate(faces).astype(np.int32),
-            point_count,
-        ),
-        faces=np.arange(len(faces), dtype=np.int32),
+        topology=topology,
+        faces=sound,
+        corners=used_corners,
         hole_faces=np.array(holes, np.int32),
         sharp_edges=creases[:, :2].astype(np.int32),
         edge_sharpness=creases[:, 2].astype(np.float32),

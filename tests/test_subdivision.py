@@ -197,10 +197,29 @@ def test_each_corner_of_the_cage_is_found_on_the_refined_faces(faces, level):
     ],
 )
 def test_odd_topology_gives_finite_points(faces):
+    faces = [[0, 2, 4], *faces]
     for level in (0, 1, 2):
         surface = cage(faces, 5, level).refine()
         assert np.isfinite(surface.limit_points(CUBE_POINTS[:5])).all()
         assert np.isfinite(surface.limit_normals(CUBE_POINTS[:5])).all()
+        charts = surface.refine_primvar(
+            np.arange(len(np.concatenate(faces)))[:, None], "faceVarying"
+        )
+        assert np.isfinite(charts).all()
+
+
+def test_of_equal_corners_next_to_each_other_one_is_left():
+    quads, triangle = [[0, 1, 2, 2], [2, 1, 3, 4]], [[0, 1, 2], [2, 1, 3, 4]]
+    for level in (0, 2):
+        squeezed, plain = (cage(f, 5, level).refine() for f in (quads, triangle))
+        np.testing.assert_array_equal(squeezed.topology.indices, plain.topology.indices)
+    assert squeezed.corners_of_cage[:4].min() == -1
+
+
+def test_faces_that_use_a_point_twice_take_no_part():
+    bow = cage([[0, 1, 0, 2], [2, 3, 4]], 5, 1)
+    assert bow.faces.tolist() == [1]
+    assert set(bow.refine().cage_faces) == {1}
 
 
 def test_loop_refuses_what_is_no_triangle():

@@ -85,6 +85,7 @@ class Stencil {
     Stencil() = default;
     explicit Stencil(std::int32_t column) : terms_{{column, 1.0}} {}
 
+    bool empty() const { return terms_.empty(); }
     void Clear() { terms_.clear(); }
     void AddWithWeight(const Stencil& other, double weight) {
         if (weight != 0.0) {
@@ -520,6 +521,11 @@ SparseRows SubdividedSurface::face_varying_stencils() const {
     }
     std::vector<Stencil> limits(stencils.size());
     primvars.LimitFaceVarying(stencils, limits);
+    for (std::size_t i = 0; i < limits.size(); ++i) {
+        if (limits[i].empty()) { // OpenSubdiv passes over some values at non-manifold points
+            limits[i] = stencils[i];
+        }
+    }
     return sparse_rows(gathered(std::move(limits)));
 }
 

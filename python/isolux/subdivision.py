@@ -27,7 +27,7 @@ class SubdivisionCage:
     """The control cage of a subdivision surface, its rules, and how often it was refined.
 
     topology : of the cage, all its faces
-    faces : (K,) int32, those of the cage that take part: not those of fewer than 3 corners
+    faces, corners : of the cage, that take part, see `sound_faces`; None: all corners
     hole_faces : (H,) int32
     sharp_edges : (E, 2) int32, points; edge_sharpness : (E,) float32, from 10 on infinite
     sharp_points : (N,) int32; point_sharpness : (N,) float32
@@ -38,6 +38,7 @@ class SubdivisionCage:
 
     topology: MeshTopology
     faces: NDArray[np.int32]
+    corners: NDArray[np.int64] | None
     hole_faces: NDArray[np.int32]
     sharp_edges: NDArray[np.int32]
     edge_sharpness: NDArray[np.float32]
@@ -50,16 +51,17 @@ class SubdivisionCage:
     level: int
 
     @property
-    def is_whole(self) -> bool:
-        """Whether all faces take part."""
-        return len(self.faces) == len(self.topology.counts)
-
-    @property
-    def corners(self) -> NDArray[np.int64]:
-        """Corners of the faces that take part."""
-        taking_part = np.zeros(len(self.topology.counts), bool)
-        taking_part[self.faces] = True
-        return np.flatnonzero(np.repeat(taking_part, self.topology.counts))
+    def sound(self) -> MeshTopology:
+        """The faces that take part, of the corners that do."""
+        if self.corners is None:
+            return self.topology
+        owners = np.repeat(np.arange(len(self.topology.counts)), self.topology.counts)
+        counts = np.bincount(owners[self.corners], minlength=len(self.topology.counts))
+        return MeshTopology(
+            counts[self.faces].astype(np.int32),
+            self.topology.indices[self.corners],
+            self.topology.point_count,
+        )
 
     def refine(self, value_indices: NDArray[np.int32] | None = None) -> RefinedSurface:
         """The refined faces, by OpenSubdiv.
@@ -70,6 +72,27 @@ class SubdivisionCage:
         return RefinedSurface(self, value_indices)
 
 
+def sound_faces(topology: MeshTopology) -> tuple[NDArray[np.int32], NDArray[np.int64] | None]:
+    """Faces and corners that a surface can be made of; None for the corners: all.
+
+    Of equal points next to each other one is left; what has fewer than three corners then, or one
+    point twice, bounds no face.
+    """
+    faces = np.arange(len(topology.counts), dtype=np.int32)
+    if topology.survey(1).degenerate_faces == 0:
+        return faces, None
+    owners = np.repeat(faces, topology.counts)
+    before = np.arange(-1, len(owners) - 1)
+    first = topology.starts[topology.counts > 0]
+    before[first] = first + topology.counts[topology.counts > 0] - 1
+    kept = topology.indices != topology.indices[before]
+    counts = np.bincount(owners[kept], minlength=len(faces))
+    points = owners.astype(np.int64) * topology.point_count + topology.indices
+    distinct = np.bincount(np.unique(points[kept]) // topology.point_count, minlength=len(faces))
+    sound = (counts >= 3) & (distinct == counts)
+    return faces[sound], np.flatnonzero(kept & sound[owners])
+
+
 class RefinedSurface:
     """A cage refined: faces, points on the limit surface, and values of the cage spread over them.
 
@@ -78,7 +101,8 @@ class RefinedSurface:
 
     def __init__(self, cage: SubdivisionCage, value_indices: NDArray[np.int32] | None) -> None:
         self.cage = cage
-        corners = slice(None) if cage.is_whole else cage.corners
+        sound = cage.sound
+        corners = slice(None) if cage.corners is None else cage.corners
         values = np.zeros(0, np.int32)
         if value_indices is not None:
             # OpenSubdiv counts the used values alone.
@@ -89,8 +113,8 @@ class RefinedSurface:
         is_hole[cage.hole_faces] = True
         self._surface = _core.SubdividedSurface(
             cage.topology.point_count,
-            cage.topology.counts[cage.faces],
-            cage.topology.indices[corners],
+            sound.counts,
+            sound.indices,
             np.flatnonzero(is_hole[cage.faces]).astype(np.int32),
             cage.sharp_edges,
             cage.edge_sharpness,
@@ -118,9 +142,12 @@ class RefinedSurface:
 
     @cached_property
     def corners_of_cage(self) -> NDArray[np.int32]:
-        """(C,) int32, refined corner at each corner of the cage; -1 where the face has no part."""
+        """(C,) int32, refined corner at each corner of the cage; -1 where that takes no part."""
+        found = self._surface.corners_of_cage()
+        if self.cage.corners is None:
+            return found
         corners = np.full(len(self.cage.topology.indices), -1, np.int32)
-        corners[self.cage.corners] = self._surface.corners_of_cage()
+        corners[self.cage.corners] = found
         return corners
 
     @property

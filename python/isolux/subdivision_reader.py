@@ -15,7 +15,7 @@ from pxr import Usd, UsdGeom
 from .mesh_topology import MeshTopology
 from .reading_context import ReadingContext
 from .scene_description import MeshDescription
-from .subdivision import RefinedSurface, SubdivisionCage
+from .subdivision import RefinedSurface, SubdivisionCage, sound_faces
 
 # Distance from the limit surface, relative to the diagonal of the mesh's bounds: a pixel on a mesh
 # 500 pixels large.
@@ -121,7 +121,7 @@ def _sharpest(cage: SubdivisionCage) -> float:
 
 def _face_count(cage: SubdivisionCage, level: int) -> int:
     """Refined faces: a corner gives one at the first level, a face four at each after it."""
-    counts = cage.topology.counts[cage.faces]
+    counts = cage.sound.counts
     first = 4 * len(counts) if cage.scheme == "loop" else int(counts.sum(dtype=np.int64))
     return first * 4 ** (level - 1) if level > 0 else len(counts)
 
@@ -145,23 +145,24 @@ def _read_cage(
     context: ReadingContext,
 ) -> SubdivisionCage:
     prim = mesh.GetPrim()
-    faces = np.flatnonzero(topology.counts >= 3).astype(np.int32)
+    faces, corners = sound_faces(topology)
     if scheme == "loop" and (topology.counts[faces] > 3).any():
         quads = int((topology.counts[faces] > 3).sum())
         reason = f"loop wants triangles and {quads} faces are none: catmullClark instead"
         context.note(prim, "subdivisionScheme", "approximated", reason)
         scheme = "catmullClark"
     edges = _creases(mesh, topology, context)
-    corners = _corners(mesh, topology, context)
+    tips = _corners(mesh, topology, context)
     triangle_rule = mesh.GetTriangleSubdivisionRuleAttr().Get(context.time)
     return SubdivisionCage(
         topology=topology,
         faces=faces,
+        corners=corners,
         hole_faces=hole_faces,
         sharp_edges=edges.points.reshape(-1, 2),
         edge_sharpness=edges.sharpness,
-        sharp_points=corners.points,
-        point_sharpness=corners.sharpness,
+        sharp_points=tips.points,
+        point_sharpness=tips.sharpness,
         scheme=scheme,  # type: ignore[arg-type]
         boundary=_token(
             mesh.GetInterpolateBoundaryAttr(),

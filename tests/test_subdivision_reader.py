@@ -263,3 +263,10 @@ def test_a_material_subset_of_the_cage_covers_the_parts_of_its_faces():
     parents = mesh.cage.refine().cage_faces
     is_red = mesh.reflectance[:, 0] > 0.5
     np.testing.assert_array_equal(is_red, np.isin(parents, [0, 3]))
+
+
+def test_faces_that_a_boundary_without_interpolation_leaves_out_are_told():
+    mesh, found = read(*grid(4), 'uniform token interpolateBoundary = "none"')
+    left = np.setdiff1d(np.arange(len(mesh.face_vertex_counts)), mesh.hole_faces)
+    assert set(mesh.cage.refine().cage_faces[left]) == {5, 6, 9, 10}
+    assert found == {("interpolateBoundary", "noted")}

@@ -110,7 +110,12 @@ def _refined(
     if sharpest > level:
         reason = f"sharpness {sharpest:.3g} taken as infinite from level {level} on"
         context.note(prim, "creaseSharpnesses", "approximated", reason)
-    return once if once and level == 1 else replace(cage, level=level).refine()
+    surface = once if once and level == 1 else replace(cage, level=level).refine()
+    if cage.boundary == "none":
+        open_faces = np.setdiff1d(surface.cage_faces[surface.hole_faces], cage.hole_faces)
+        reason = f"{len(open_faces)} faces at the boundary are no surface: it is not interpolated"
+        context.note(prim, "interpolateBoundary", "noted", reason)
+    return surface
 
 
 def _sharpest(cage: SubdivisionCage) -> float:

@@ -101,7 +101,7 @@ def test_check_tells_what_validators_say_and_ends_as_solve_would(tmp_path):
     result = isolux("check", doubted)
     assert result.exit_code == ExitCode.DONE
     (line,) = [row for row in result.stdout.splitlines() if "ImplausibleSize" in row]
-    assert line.split()[:3] == ["warning", "isolux:SceneScale.ImplausibleSize", "1"]
+    assert line.split()[:3] == ["warning", "isolux.validators:SceneScale.ImplausibleSize", "1"]
     assert "400 x 400 x 300 m" in line
 
 
@@ -117,5 +117,5 @@ def test_where_solve_would_refuse_the_validators_are_heard_first(tmp_path, lamp,
     stage = write_stage(tmp_path / "room.usda", WALLS, FLOOR, LAMP.replace('"Lamp" {', api))
     result = isolux("check", stage)
     assert result.exit_code == code
-    assert "isolux:PhotometricFile." in result.stdout
+    assert "isolux.validators:PhotometricFile." in result.stdout
     assert "error: " in result.stderr

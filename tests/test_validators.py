@@ -55,7 +55,7 @@ def complaints(text, metadata=METRES):
         (site,) = error.GetSites()
         place = site.GetProperty() if site.IsProperty() else site.GetPrim()
         severity = str(error.GetType()).rsplit(".", maxsplit=1)[-1]
-        name = str(error.GetIdentifier()).removeprefix("isolux:")
+        name = str(error.GetIdentifier()).removeprefix("isolux.validators:")
         assert error.GetMessage().startswith(f"<{place.GetPath()}>: ")
         found.append((severity, name, str(place.GetPath()).removeprefix("/World/")))
     return sorted(found)
@@ -217,14 +217,54 @@ print(sorted(str(e.GetIdentifier()) for e in errors if "isolux" in str(e.GetIden
 """
 
 
-@pytest.mark.parametrize("first", ["", "import isolux"], ids=["no import", "imported"])
-def test_a_host_that_knows_the_plugin_runs_them(first):
+def run_host(script, plugin_path):
+    """Output of a Python host that starts without isolux imported."""
     result = subprocess.run(
-        [sys.executable, "-c", first + HOST],
+        [sys.executable, "-c", script],
         capture_output=True,
         text=True,
         check=False,
-        env=os.environ | {"PXR_PLUGINPATH_NAME": str(plugin_folder())},
+        env=os.environ | {"PXR_PLUGINPATH_NAME": str(plugin_path)},
     )
     assert result.returncode == 0, result.stderr
-    assert result.stdout.strip() == "['isolux:PhotometricFile.NoPhotometry']"
+    return result.stdout.strip()
+
+
+@pytest.mark.parametrize(
+    ("first", "plugin_path"),
+    [("", plugin_folder()), ("import isolux", plugin_folder()), ("import isolux", "")],
+    ids=["plugin path", "both", "import"],
+)
+def test_a_host_that_knows_the_plugin_runs_them(first, plugin_path):
+    assert (
+        run_host(first + HOST, plugin_path) == "['isolux.validators:PhotometricFile.NoPhotometry']"
+    )
+
+
+def test_packages_that_bring_validators_after_isolux_are_not_shut_out(tmp_path):
+    info = """{"Plugins": [{"Type": "python", "Name": "studio", "Root": ".", "ResourcePath": ".",
+        "Info": {"Validators": {"Naming": {"doc": "Names are names."}}}}]}"""
+    (tmp_path / "plugInfo.json").write_text(info)
+    script = f"""
+import isolux
+from pxr import Plug, UsdValidation
+Plug.Registry().RegisterPlugins({str(tmp_path)!r})
+registry = UsdValidation.ValidationRegistry()
+print(registry.GetValidatorMetadata("studio:Naming").doc)
+"""
+    assert run_host(script, "") == "Names are names."
+
+
+def test_importing_too_late_is_a_clear_error_and_stops_no_solve():
+    script = """
+from pxr import UsdValidation
+UsdValidation.ValidationRegistry().GetAllValidatorMetadata()
+import isolux
+try:
+    import isolux.validators
+except isolux.IsoluxError as error:
+    print(error)
+"""
+    message = run_host(script, "")
+    assert "used before isolux was imported" in message
+    assert "PXR_PLUGINPATH_NAME" in message

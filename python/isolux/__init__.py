@@ -13,10 +13,8 @@ from .settings import SolverSettings, settings_from_stage
 from .solution import ProgressiveStage, Solution
 from .solver import ProgressiveSolver, solve
 from .stage_reader import read_stage
-from .validators import register_validators
 
 register_plugin()
-register_validators()
 
 try:
     __version__ = version("isolux")

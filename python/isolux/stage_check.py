@@ -38,7 +38,7 @@ class Complaint:
     """One kind of message of one validator.
 
     severity : as the validator has it
-    name : validator and message, such as "isolux:PhotometricFile.MissingFile"
+    name : validator and message, such as "isolux.validators:PhotometricFile.MissingFile"
     paths : of the prims or properties that it is about, by name
     message : the first of them
     """
@@ -65,7 +65,10 @@ def check_stage(stage: Usd.Stage) -> StageCheck:
     """Run all validators that USD knows here over a stage, those of other plugins included."""
     diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # keeps USD from writing to stderr
     try:
-        return _grouped(_validate(stage))
+        checked = _grouped(_validate(stage))
+        if not hasattr(UsdValidation.ValidationRegistry, "RegisterPluginPrimValidator"):
+            checked.left_out["validators of Isolux, which need USD 26.5"] = 7
+        return checked
     finally:
         diagnostics.TakeUncoalescedDiagnostics()
 

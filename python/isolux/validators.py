@@ -1,8 +1,12 @@
 """UsdValidation's validators of what Isolux reads, for every host that validates stages.
 
-plugin/plugInfo.json lists them by name: `UsdValidation.ValidationRegistry` finds them there and
-loads this package. What the solver can't use is an error, what it may have been told by mistake is
-a warning. Each looks at the default time, or at the earliest sample.
+plugin/plugInfo.json lists them by name, and USD's registry imports this module when it wants to run
+them. It reads the list once, when it is first used; `import isolux` leaves it alone, so that
+packages which bring validators after Isolux are not shut out. There the plugin has a root of its
+own, as USD knows one Python plugin a root. Before USD 26.5 it ran none that are written in Python.
+
+What the solver can't use is an error, what may have been meant otherwise is a warning. Each looks
+at the earliest sample of an attribute.
 """
 
 from __future__ import annotations
@@ -18,7 +22,12 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdRender, UsdValidation, Vt
 
 from .errors import IsoluxError, PhotometryError
 from .photometry import LARGEST_FILE, inline_diagram, luminous_flux, read_photometric_bytes
-from .plugin_registration import LUMINAIRE_API, SOLVER_API
+from .plugin_registration import (
+    LUMINAIRE_API,
+    PLUGIN_PATH_VARIABLE,
+    SOLVER_API,
+    plugin_folder,
+)
 from .reading_context import read_asset
 from .settings import settings_from_stage
 
@@ -39,19 +48,6 @@ _DIAGRAM = ("gammaAngles", "cAngles", "candela")
 _Finding = tuple[str, str, str, str]  # name, "Error" or "Warn", property ("": the prim), message
 _PrimCheck = Callable[[Usd.Prim], Iterator[_Finding]]
 _StageCheck = Callable[[Usd.Stage], Iterator[_Finding]]
-
-
-def register_validators() -> None:
-    """Register them under the names of plugin/plugInfo.json; once a process."""
-    registry = UsdValidation.ValidationRegistry()
-    if not hasattr(registry, "RegisterPluginPrimValidator"):
-        return  # a USD in which validators can't be written in Python
-    for name, check_prim in _PRIM_CHECKS.items():
-        if not registry.HasValidator(f"isolux:{name}"):
-            registry.RegisterPluginPrimValidator(f"isolux:{name}", _prim_task(check_prim))
-    for name, check_stage in _STAGE_CHECKS.items():
-        if not registry.HasValidator(f"isolux:{name}"):
-            registry.RegisterPluginStageValidator(f"isolux:{name}", _stage_task(check_stage))
 
 
 def _prim_task(check: _PrimCheck) -> Callable[..., list[UsdValidation.ValidationError]]:
@@ -248,3 +244,23 @@ _STAGE_CHECKS: dict[str, _StageCheck] = {
     "RenderSettings": check_render_settings,
     "SceneScale": check_scene_scale,
 }
+
+
+def _register() -> None:
+    """Raise IsoluxError where USD read the list of validators before Isolux was on it."""
+    registry = UsdValidation.ValidationRegistry()
+    if not hasattr(registry, "RegisterPluginPrimValidator"):
+        return  # USD before 26.5
+    if registry.GetValidatorMetadata(f"{__name__}:{next(iter(_PRIM_CHECKS))}") is None:
+        raise IsoluxError(
+            "USD validation registry",
+            "no validators of Isolux, as it was used before isolux was imported",
+            f"`import isolux` before, or {plugin_folder()} in {PLUGIN_PATH_VARIABLE}",
+        )
+    for name, check_prim in _PRIM_CHECKS.items():
+        registry.RegisterPluginPrimValidator(f"{__name__}:{name}", _prim_task(check_prim))
+    for name, check_stage in _STAGE_CHECKS.items():
+        registry.RegisterPluginStageValidator(f"{__name__}:{name}", _stage_task(check_stage))
+
+
+_register()

@@ -55,6 +55,22 @@ def test_repeated_complaints_are_one_row_with_all_prims():
     assert "/Chair" in row.message
 
 
+def test_messages_that_say_different_things_are_not_one():
+    lamp = """def SphereLight "Lamp{0}" ( prepend apiSchemas = ["IsoluxLuminaireAPI"] ) {{
+        float inputs:isolux:luminousFlux = 800
+        float inputs:isolux:dimming = {1}
+    }}
+    """
+    lamps = [(0, -1), (1, -2), (2, -1), (3, 1)]
+    checked = check_stage(open_usda("".join(lamp.format(*row) for row in lamps)))
+    rows = [row for row in checked.complaints if "AttributeRange" in row.name]
+    assert [row.message for row in rows] == [
+        "-1 lies outside [0.0, inf)",
+        "-2 lies outside [0.0, inf)",
+    ]
+    assert rows[0].paths == tuple(f"/Lamp{i}.inputs:isolux:dimming" for i in (0, 2))
+
+
 def test_errors_come_before_warnings():
     mesh = UNBOUND.format(name="Chair").replace("1, 1, 0)]", "1000, 1000, 0)]", 1)
     checked = check_stage(open_usda(mesh))

@@ -16,6 +16,8 @@ from typing import Literal
 
 from pxr import Tf, Usd, UsdUtils, UsdValidation
 
+KEYWORD = "IsoluxValidators"  # of ours, in plugin/plugInfo.json
+
 _LEFT_OUT_PLUGINS = ("usdPhysicsValidators", "usdMediaValidators")
 _LEFT_OUT_MESSAGES = {
     "usdShadeValidators:ShaderSdrCompliance.MissingShaderIdInRegistry": (
@@ -30,15 +32,17 @@ _SEVERITIES: dict[UsdValidation.ValidationErrorType, Severity] = {
     UsdValidation.ValidationErrorType.Warn: "warning",
     UsdValidation.ValidationErrorType.Info: "note",
 }
+# In messages, where they keep equal ones apart: </World/Chair>, /World/Chair.points.
+_PATHS = re.compile(r"<[^>]*>|(?<!\w)/[^\s'\",;]+")
 _ORDER: tuple[Severity, ...] = ("error", "warning", "note")
 
 
 @dataclass(frozen=True, slots=True)
 class Complaint:
-    """One kind of message of one validator.
+    """One message of one validator, whichever prims it names.
 
     severity : as the validator has it
-    name : validator and message, such as "isolux.validators:PhotometricFile.MissingFile"
+    name : validator and kind of message, such as "isolux.validators:PhotometricFile.MissingFile"
     paths : of the prims or properties that it is about, by name
     message : the first of them
     """
@@ -67,7 +71,8 @@ def check_stage(stage: Usd.Stage) -> StageCheck:
     try:
         checked = _grouped(_validate(stage))
         if not hasattr(UsdValidation.ValidationRegistry, "RegisterPluginPrimValidator"):
-            checked.left_out["validators of Isolux, which need USD 26.5"] = 7
+            ours = UsdValidation.ValidationRegistry().GetValidatorMetadataForKeyword(KEYWORD)
+            checked.left_out["validators of Isolux, which need USD 26.5"] = len(ours)
         return checked
     finally:
         diagnostics.TakeUncoalescedDiagnostics()
@@ -140,9 +145,8 @@ def _grouped(told: Sequence[_Told]) -> StageCheck:
         if reason:
             left_out[reason] = left_out.get(reason, 0) + 1
         else:
-            message = " ".join(message.split())
-            # Those of the whole stage are told apart by their words alone.
-            words = message if path == "/" else ""
+            message = " ".join(message.split()).removeprefix(f"<{path}>: ")
+            words = _PATHS.sub("", message)
             groups.setdefault((severity, name, words), []).append((path, message))
     complaints = []
     for (severity, name, _), sites in groups.items():

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 from isolux.cli import ExitCode, app
 from isolux.stage_check import check_stage
-from isolux.stage_reader import open_stage
+from isolux.stage_opening import open_stage
 from small_room import FLOOR, LAMP, WALLS, write_room, write_stage
 from usda_stage import open_usda
 

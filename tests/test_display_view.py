@@ -17,7 +17,7 @@ from isolux.errors import SettingsError
 from isolux.report import read_report
 from isolux.results import ResultsWriter
 from isolux.settings import settings_from_stage
-from small_room import write_room
+from small_room import FLOOR, LAMP, WALLS, write_room, write_stage
 from usda_stage import METRES, open_usda
 
 BUILTIN = PyOpenColorIO.Config.CreateFromFile("ocio://default")
@@ -72,6 +72,23 @@ def test_a_fixed_adaptation_shows_shots_of_any_brightness_alike(name):
     expected = DisplayView(name).adapted_to(20.0)(luminance)
     for log_average in (0.0, 3.0, 900.0):
         assert np.array_equal(fixed.adapted_to(log_average)(luminance), expected)
+
+
+@pytest.mark.parametrize("name", ["tumblin-rushmeier", ACES])
+def test_a_lamp_dimmed_over_a_shot_looks_dimmer(tmp_path, name):
+    lamp = LAMP.replace("inputs:intensity = 1000", "inputs:intensity.timeSamples = {1: 900, 2: 90}")
+    settings = f'uniform token isolux:displayView = "{name}"'
+    source = write_stage(tmp_path / "shot.usda", FLOOR, WALLS, lamp, settings=settings)
+    output = tmp_path / "out.usda"
+    options = ["--frames", "1:2", "--method", "ddl+hpr", "--target-error", "0.2"]
+    result = CliRunner().invoke(app, ["solve", str(source), "-o", str(output), *options])
+    assert result.exit_code == ExitCode.DONE, result.stderr
+    stage = Usd.Stage.Open(str(output))
+    floor = stage.GetPrimAtPath("/World/Floor")
+    bright, dim = (np.array(floor.GetAttribute("primvars:displayColor").Get(t)) for t in (1, 2))
+    lux = [np.array(floor.GetAttribute("primvars:isolux:illuminance").Get(t)) for t in (1, 2)]
+    assert lux[1] == pytest.approx(0.1 * lux[0], rel=1e-3)
+    assert (dim < 0.5 * bright).all()
 
 
 @pytest.mark.parametrize("name", ["tumblin-rushmeier", ACES])

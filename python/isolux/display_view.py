@@ -30,11 +30,16 @@ class DisplayView:
     name : "tumblin-rushmeier", or "DISPLAY/VIEW" of the OpenColorIO configuration in the
         environment variable OCIO, else of OpenColorIO's built-in one (ACES)
     adaptation : luminance to which the viewer is adapted, cd/m^2; 0: what `adapted_to` is given
+    hold : the first that `adapted_to` is given, so that a lamp which is dimmed over the frames of a
+        shot looks dimmer
     raises : SettingsError for a name that is none of these, or a configuration that can't be used
     """
 
-    def __init__(self, name: str = TUMBLIN_RUSHMEIER, adaptation: float = 0.0) -> None:
+    def __init__(
+        self, name: str = TUMBLIN_RUSHMEIER, adaptation: float = 0.0, hold: bool = False
+    ) -> None:
         self._adaptation = adaptation
+        self._hold = hold
         self._ocio: OcioView | None = None
         if name != TUMBLIN_RUSHMEIER:
             from .ocio_view import OcioView  # it takes 0.1 s to load
@@ -42,12 +47,14 @@ class DisplayView:
             self._ocio = OcioView(name)
 
     @classmethod
-    def of(cls, settings: SolverSettings) -> DisplayView:
-        return cls(settings.display_view, settings.display_adaptation)
+    def of(cls, settings: SolverSettings, hold: bool = False) -> DisplayView:
+        return cls(settings.display_view, settings.display_adaptation, hold)
 
     def adapted_to(self, log_average: float) -> Display:
         """The view for a scene whose lit surfaces have this log-average luminance, cd/m^2."""
         adaptation = self._adaptation or log_average
+        if self._hold:
+            self._adaptation = adaptation
         ocio = self._ocio
         if ocio is None:
             return lambda luminance: tone_map(luminance, adaptation)

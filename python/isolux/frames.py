@@ -56,6 +56,7 @@ class FramesWriter:
     def __init__(self, source: Usd.Stage, output: Path, settings: SolverSettings) -> None:
         self._source = source
         self._settings = settings
+        self._display = DisplayView.of(settings, hold=True)
         self._output = output.absolute()
         self._results = self._output.with_suffix(".results.usdc")
         self._folder = self._output.with_suffix(".frames")
@@ -79,9 +80,8 @@ class FramesWriter:
         raises : SceneError where a file can't be written
         """
         settings = self._settings
-        display = DisplayView.of(settings)
         writer = ResultsWriter(
-            self._source, self._output, scene, provenance, display, settings.output_mode
+            self._source, self._output, scene, provenance, self._display, settings.output_mode
         )
         writer.add(solution)
         layer = writer.layer

@@ -55,7 +55,7 @@ class SolverSettings:
     display_view : what displayColor is seen by: "tumblin-rushmeier", or DISPLAY/VIEW of the
         OpenColorIO configuration; see `display_view`
     display_adaptation : luminance to which the eye that displayColor is made for is adapted,
-        cd/m^2; 0: that of the scene's lit surfaces, stage by stage
+        cd/m^2; 0: that of the scene's lit surfaces, in a shot those of its first frame
     threads : 0 for all processors; no attribute of a stage, since it belongs to the machine
     """
 

@@ -251,7 +251,7 @@ def solve(
     }
     output = output or Path(f"{stage.stem}.isolux.usda")
     if frames is not None:
-        _solve_frames(stage, output, options, frames, time, replay, report, opening)
+        _solve_frames(stage, output, options, frames, time, replay, report, opening, preview)
         return
     ended_by = solve_stage(stage, output, options, time, report, replay, preview, opening)
     if ended_by is not None:
@@ -267,13 +267,14 @@ def _solve_frames(
     replay: Path | None,
     report: Path | None,
     opening: StageOpening,
+    preview: bool,
 ) -> None:
     from .frames_command import parse_frames, solve_frames
 
     for name, value in (("--time", time), ("--replay", replay)):
         if value is not None:
             raise SettingsError("--frames", f"{name} beside it", "one of them")
-    outcome = solve_frames(stage, output, options, parse_frames(frames), report, opening)
+    outcome = solve_frames(stage, output, options, parse_frames(frames), report, opening, preview)
     if outcome.signal is not None:
         terminated = outcome.signal == SIGTERM
         raise typer.Exit(ExitCode.TERMINATED if terminated else ExitCode.INTERRUPTED)

@@ -13,14 +13,16 @@ from pxr import Usd
 from rich.console import Console
 
 from .core_scene import require_light_and_surface
+from .display_view import DisplayView
 from .errors import IsoluxError, SettingsError
 from .frames import FramesWriter, frame_label
 from .interrupt import StopRequest, stop_on_signal
+from .preview_layer import preview_path, write_preview
 from .report import PhaseSeconds, write_report
 from .scene_description import Finding
 from .settings import SolverSettings, override_settings, settings_from_stage
 from .solution import Solution
-from .solve_command import provenance_of, require_output, require_report
+from .solve_command import provenance_of, require_output, require_place, require_report
 from .solver import ProgressiveSolver
 from .stage_opening import AS_IT_STANDS, StageOpening, open_stage
 from .stage_reader import read_source
@@ -69,17 +71,21 @@ def solve_frames(
     frames: list[float],
     report: Path | None = None,
     opening: StageOpening = AS_IT_STANDS,
+    preview: bool = False,
 ) -> FramesOutcome:
     """Solve a stage at each time code; a frame that fails doesn't end the run.
 
     options : fields of SolverSettings that override the stage's own
     report : one JSON file a frame, named after it
+    preview : write the preview layer too
     raises : IsoluxError where the stage can't be opened or an option can't be
     """
     messages = new_console(stderr=True)
-    override_settings(SolverSettings(), options)
+    DisplayView.of(override_settings(SolverSettings(), options))
     require_output(output)
     require_report(report)
+    if preview:
+        require_place(preview_path(output))
     stage = open_stage(source, opening)
     settings = override_settings(settings_from_stage(stage), options)
     if settings.output_mode != "vertex":
@@ -102,6 +108,9 @@ def solve_frames(
                 break
     if run.done:
         new_console().print(f"results: {output}, {run.done} frames", soft_wrap=True)
+        if preview:
+            run.tell(tuple(write_preview(output)))
+            new_console().print(f"preview: {preview_path(output)}", soft_wrap=True)
     if stop.signal is not None:
         kept = f"{run.done} frames kept in {output}" if run.done else "nothing written"
         messages.print(f"interrupted: {kept}", soft_wrap=True)
@@ -136,7 +145,7 @@ class _Run:
         read_seconds = time.perf_counter() - started
         if not self._known and self.done == 0:
             self._messages.print(f"{self._source}: {scene_summary(scene)}", soft_wrap=True)
-        self._tell(scene.findings)
+        self.tell(scene.findings)
         require_light_and_surface(scene, str(self._source))
         solver = ProgressiveSolver(scene, self._settings)
         solutions: list[Solution] = []
@@ -153,7 +162,7 @@ class _Run:
             read_seconds, solver.build_seconds, stages[-1].elapsed, time.perf_counter() - started
         )
         late = solver.findings()
-        self._tell(late)
+        self.tell(late)
         if self._report is not None:
             path = self._report.with_suffix(f".{frame_label(frame)}.json")
             scene = replace(scene, findings=scene.findings + late)
@@ -167,7 +176,7 @@ class _Run:
         self.done += 1
         return True
 
-    def _tell(self, findings: tuple[Finding, ...]) -> None:
+    def tell(self, findings: tuple[Finding, ...]) -> None:
         """Those that no earlier frame had."""
         new = [f for f in findings if (f.path, f.kind, f.action) not in self._known]
         self._known |= {(f.path, f.kind, f.action) for f in new}

@@ -107,6 +107,17 @@ def test_the_pose_is_that_of_usds_own_baking(body, method, time):
     assert ("/Up/Root/Arm", "SkelBindingAPI", "noted") in found(scene)
 
 
+@pytest.mark.parametrize("time", [1, 11])
+def test_a_subdivision_surface_is_refined_from_its_posed_cage(time):
+    smooth = arm(INFLUENCES).replace('"none"', '"catmullClark"')
+    stage = open_usda(smooth)
+    copy = Usd.Stage.Open(stage.Flatten())
+    UsdSkel.BakeSkinning(UsdSkel.Root(copy.GetPrimAtPath("/Up/Root")), Gf.Interval(1, 11))
+    posed, explicit = (read_stage(of, time).meshes[0] for of in (stage, copy))
+    assert len(posed.points) > 6 or time == 1  # flat there: the cage is the limit
+    np.testing.assert_allclose(posed.points, explicit.points, atol=1e-6)
+
+
 def test_halfway_the_elbow_has_bent_by_45_degrees():
     """Linear blending: a point of the forearm turns by 45 degrees about the elbow at x = 2."""
     mesh = read_stage(open_usda(arm(INFLUENCES)), 6).meshes[0]
@@ -169,10 +180,16 @@ LAMP = """def SphereLight "Lamp" {
 
 
 @pytest.mark.parametrize("output_mode", ["vertex", "refined"])
-def test_results_show_the_pose_at_the_time_of_the_light(tmp_path, output_mode):
+@pytest.mark.parametrize("scheme", ["none", "catmullClark"])
+def test_results_show_the_pose_at_the_time_of_the_light(tmp_path, output_mode, scheme):
     """Vertex results leave the skeleton at work, refined ones freeze the pose."""
     source = tmp_path / "arm.usda"
-    source.write_text("#usda 1.0\n" + METRES + arm(INFLUENCES + VERTEX_NORMALS) + LAMP)
+    source.write_text(
+        "#usda 1.0\n"
+        + METRES
+        + arm(INFLUENCES + VERTEX_NORMALS).replace('"none"', f'"{scheme}"')
+        + LAMP
+    )
     scene = read_stage(source, 11)
     writer = ResultsWriter(source, tmp_path / "out.usda", scene, {})
     settings = SolverSettings(
@@ -182,6 +199,9 @@ def test_results_show_the_pose_at_the_time_of_the_light(tmp_path, output_mode):
         writer.write(solution)
     stage = Usd.Stage.Open(str(tmp_path / "out.usda"))
     points = baked(stage, 11)
-    first = len(scene.meshes[0].points)
-    np.testing.assert_allclose(points[:first], scene.meshes[0].points, atol=1e-5)
-    assert (len(points) > first) == (output_mode == "refined")
+    if output_mode == "vertex":
+        np.testing.assert_array_equal(points, baked(Usd.Stage.Open(str(source)), 11))
+        return
+    solved = scene.meshes[0].points
+    assert len(points) > len(solved)
+    np.testing.assert_allclose(points[: len(solved)], solved, atol=1e-5)

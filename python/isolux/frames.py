@@ -117,7 +117,8 @@ class FramesWriter:
         """Whether a mesh's layout of values may be another at another time."""
         if mesh.path not in self._changes:
             prim = self._source.GetPrimAtPath(mesh.path)
-            self._changes[mesh.path] = (
+            # What parts the values of a subdivision surface is authored: its points don't.
+            self._changes[mesh.path] = mesh.cage is None and (
                 not prim.IsA(UsdGeom.Mesh)
                 or len(mesh.reflectance) > 1
                 or any("skel:" in name for name in prim.GetPropertyNames())
@@ -231,7 +232,7 @@ def _hold_at(attribute: Sdf.AttributeSpec, frame: float) -> None:
 
 def _spread_to_corners(prim: Sdf.PrimSpec, mesh: MeshDescription) -> None:
     """Turn values by point into values by corner: the same array, picked by indices."""
-    points = mesh.face_vertex_indices if mesh.cage is None else mesh.cage.topology.indices
+    points = mesh.face_vertex_indices
     for field in OUTPUT_FIELDS:
         attribute = prim.attributes.get(f"primvars:{field.name}")
         if attribute is None or attribute.GetInfo("interpolation") != UsdGeom.Tokens.vertex:

@@ -1,0 +1,61 @@
+"""Light on shapes given by numbers, by closed forms."""
+
+import numpy as np
+import pytest
+
+from isolux import ProgressiveSolver, SolverSettings
+from isolux.solution import LUMINANCE_WEIGHTS
+from usda_stage import read_usda
+
+LAMP = """def SphereLight "Lamp" {
+    float inputs:radius = 0.02
+    float inputs:intensity = 1000
+}
+"""
+
+
+def last_solution(scene, **settings):
+    chosen = SolverSettings(**{"stages": 4, **settings}).with_budget(photons=400_000)
+    return list(ProgressiveSolver(scene, chosen).stages())[-1]
+
+
+@pytest.mark.parametrize("mirror", [1, -1])
+@pytest.mark.parametrize("reflectance", [0.0, 0.5, 0.8])
+def test_a_sphere_seen_from_inside_is_an_integrating_sphere(reflectance, mirror):
+    """E = flux / (A (1 - rho)) everywhere; A of the polygons, 0.36 % below that of the sphere."""
+    scene = read_usda(
+        f"""def Sphere "Ball" {{
+            double radius = 2
+            uniform token orientation = "leftHanded"
+            color3f[] primvars:displayColor = [({reflectance}, {reflectance}, {reflectance})]
+            float3 xformOp:scale = ({mirror}, 1, 1)
+            uniform token[] xformOpOrder = ["xformOp:scale"]
+        }}
+        """
+        + LAMP
+    )
+    solution = last_solution(scene, method="dept")
+    area = solution.vertex_areas.sum()
+    assert 1 - area / (16 * np.pi) == pytest.approx(0.0036, abs=1e-4)
+    expected = scene.luminous_flux / (area * (1 - reflectance))
+    assert solution.mean_illuminance("/Ball") == pytest.approx(expected, rel=0.005)
+    everywhere = (solution.direct + solution.indirect) @ LUMINANCE_WEIGHTS
+    deviations = (everywhere / expected - 1) / solution.relative_deviation
+    assert np.sqrt(np.mean(deviations**2)) == pytest.approx(1, abs=0.3)
+
+
+def test_a_plane_under_a_small_lamp_has_the_illuminance_of_the_cosine_law():
+    """E = I cos(theta) / d^2, with I = flux / 4 pi of a small sphere."""
+    lamp = LAMP.replace(
+        "float inputs:radius",
+        "double3 xformOp:translate = (0, 0, 1)\n"
+        ' uniform token[] xformOpOrder = ["xformOp:translate"]\n float inputs:radius',
+    )
+    scene = read_usda('def Plane "Floor" {\n double width = 4\n double length = 4\n}\n' + lamp)
+    solution = last_solution(scene, method="ddl+hpr")
+    floor = scene.meshes[0]
+    distance = np.linalg.norm(floor.points - (0, 0, 1), axis=1)
+    expected = scene.luminous_flux / (4 * np.pi) / distance**3
+    baked = np.zeros(len(floor.points))
+    baked[floor.face_vertex_indices] = solution.illuminance("/Floor") @ LUMINANCE_WEIGHTS
+    np.testing.assert_allclose(baked, expected, rtol=0.01)

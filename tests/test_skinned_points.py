@@ -145,6 +145,16 @@ def test_normals_turn_with_the_joints(influences, normals):
     np.testing.assert_allclose(mesh.corner_normals[far], [along_x] * far.sum(), atol=1e-6)
 
 
+def test_a_mesh_may_have_its_own_order_of_joints():
+    """Weights that belong to the elbow go to it, points and normals alike."""
+    swapped = INFLUENCES.replace("0,1, 0,1, 0,1, 0,1, 0,1, 0,1", "1,0, 1,0, 1,0, 1,0, 1,0, 1,0")
+    own_order = 'uniform token[] skel:joints = ["Arm/Elbow", "Arm"]\n'
+    expected = read_stage(open_usda(arm(INFLUENCES + VERTEX_NORMALS)), 11).meshes[0]
+    found_mesh = read_stage(open_usda(arm(swapped + own_order + VERTEX_NORMALS)), 11).meshes[0]
+    np.testing.assert_allclose(found_mesh.points, expected.points, atol=1e-6)
+    np.testing.assert_allclose(found_mesh.corner_normals, expected.corner_normals, atol=1e-6)
+
+
 def test_normals_that_blend_shapes_have_outdated_are_not_used():
     scene = read_stage(open_usda(arm(BULGE + VERTEX_NORMALS)), 11)
     assert scene.meshes[0].corner_normals is None
@@ -153,23 +163,57 @@ def test_normals_that_blend_shapes_have_outdated_are_not_used():
     assert scene.meshes[0].corner_normals is not None
 
 
+APPLIED = '( prepend apiSchemas = ["SkelBindingAPI"] )'
+
+
 @pytest.mark.parametrize(
     ("body", "applied", "root"),
     [
         (INFLUENCES, "", "SkelRoot"),
-        (INFLUENCES, '( prepend apiSchemas = ["SkelBindingAPI"] )', "Xform"),
-        (
-            INFLUENCES.replace("[0,1, 0,1,", "[0,1,"),
-            '( prepend apiSchemas = ["SkelBindingAPI"] )',
-            "SkelRoot",
-        ),
+        (INFLUENCES, APPLIED, "Xform"),
+        (INFLUENCES.replace("[0,1, 0,1,", "[0,1,"), APPLIED, "SkelRoot"),
+        (INFLUENCES.replace("[0,1, 0,1,", "[0,1, 0,1000000000,"), APPLIED, "SkelRoot"),
+        (INFLUENCES.replace("[0,1, 0,1,", "[0,1, -1,1,"), APPLIED, "SkelRoot"),
+        (INFLUENCES.replace("elementSize = 2", "elementSize = -2"), APPLIED, "SkelRoot"),
+        (INFLUENCES.replace("elementSize = 2", "elementSize = 1000000000"), APPLIED, "SkelRoot"),
+        (INFLUENCES.replace('"vertex"', '"faceVarying"'), APPLIED, "SkelRoot"),
+        (RIGID.replace("[1]", "[1000000000]"), APPLIED, "SkelRoot"),
+        (RIGID.replace("[1]", "[]"), APPLIED, "SkelRoot"),
     ],
-    ids=["no API", "no SkelRoot", "too few influences"],
+    ids=[
+        "no API",
+        "no SkelRoot",
+        "too few influences",
+        "no such joint",
+        "negative joint",
+        "negative count of influences",
+        "huge count of influences",
+        "influences by corner",
+        "rigid, no such joint",
+        "rigid, no joint",
+    ],
 )
 def test_a_mesh_without_a_usable_binding_stays_at_rest_and_says_so(body, applied, root):
-    scene = read_stage(open_usda(arm(body, applied, root)), 11)
+    scene = read_stage(open_usda(arm(body + VERTEX_NORMALS, applied, root)), 11)
     assert ("/Up/Root/Arm", "SkelBindingAPI", "approximated") in found(scene)
-    np.testing.assert_allclose(np.ptp(scene.meshes[0].points[:, 2]), 0, atol=1e-9)
+    assert ("/Up/Root/Arm", "SkelBindingAPI", "noted") not in found(scene)
+    mesh = scene.meshes[0]
+    np.testing.assert_allclose(mesh.points[:, 2], 5 + 7, atol=1e-9)  # by its own transform
+    np.testing.assert_allclose(mesh.corner_normals, [(0, 0, 1)] * 8, atol=1e-6)
+
+
+@pytest.mark.parametrize("number", ["nan", "inf"])
+def test_a_pose_that_is_not_finite_is_skipped(number):
+    scene = read_stage(open_usda(arm(INFLUENCES.replace("[1,0,", f"[{number},0,"))), 11)
+    assert scene.meshes == ()
+    assert ("/Up/Root/Arm", "Mesh", "skipped") in found(scene)
+
+
+@pytest.mark.parametrize("index", ["1000000000", "-1"])
+def test_blend_shapes_of_other_points_are_left_out(index):
+    scene = read_stage(open_usda(arm(BULGE.replace("[1]", f"[{index}]"))), 11)
+    assert ("/Up/Root/Arm", "BlendShape", "approximated") in found(scene)
+    assert np.ptp(scene.meshes[0].points[:, 2]) == 0
 
 
 LAMP = """def SphereLight "Lamp" {

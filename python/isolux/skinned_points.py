@@ -6,7 +6,7 @@ and the skeleton's transform places them, not the mesh's.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -69,7 +69,10 @@ class Skinning:
         posed = Vt.Vec3fArray.FromNumpy(points)
         shaped = query.HasBlendShapes() and self._blend(prim, query, skeleton_query, posed)
         if not query.HasJointInfluences():
-            self._note(prim, skeleton)
+            if prim.GetAttribute(_SKINNING_PRIMVARS[0]).HasAuthoredValue():
+                self._rest(prim, "its joint influences can't be used")
+            else:
+                self._note(prim, skeleton)
             return Pose(np.array(posed), own_matrix, None if shaped else _unturned)
         to_world = self._context.world_matrix(skeleton.GetPrim())
         joints = skeleton_query.ComputeSkinningTransforms(self._context.time)
@@ -77,7 +80,11 @@ class Skinning:
             self._rest(prim, f"its skeleton {skeleton.GetPath()} has no pose")
             return None
         if query.IsRigidlyDeformed():
-            moved = np.array(query.ComputeSkinnedTransform(joints, self._context.time))
+            skinned = query.ComputeSkinnedTransform(joints, self._context.time)
+            moved = np.array(skinned)
+            if not np.isfinite(moved).all() or skinned.GetDeterminant() == 0:
+                self._rest(prim, "its joint influences don't fit its skeleton")
+                return None
             self._note(prim, skeleton)
             return Pose(np.array(posed), moved @ to_world, None if shaped else _unturned)
         if not query.ComputeSkinnedPoints(joints, posed, self._context.time):
@@ -86,8 +93,9 @@ class Skinning:
         self._note(prim, skeleton)
 
         def turn(normals: NDArray[np.float64]) -> NDArray[np.float64]:
+            ordered = _in_order_of(query.GetJointOrder(), skeleton_query.GetJointOrder(), joints)
             return _skinned_normals(
-                query, joints, self._context.time, topology, normals.astype(np.float32)
+                query, ordered, self._context.time, topology, normals.astype(np.float32)
             )
 
         return Pose(np.array(posed), to_world, None if shaped else turn)
@@ -151,17 +159,30 @@ def _unturned(normals: NDArray[np.float64]) -> NDArray[np.float64]:
     return normals
 
 
+def _in_order_of(
+    wanted: Sequence[str] | None, order: Sequence[str], joints: Sequence[Gf.Matrix4d]
+) -> list[Gf.Matrix4d]:
+    """Transforms of joints in the order that a mesh gives of its own, if it does.
+
+    One that the skeleton hasn't stays where it was bound; names of which it has none are ignored.
+    """
+    if not wanted or not set(wanted) & set(order):
+        return list(joints)
+    by_name = dict(zip(order, joints, strict=True))
+    return [by_name.get(name, Gf.Matrix4d(1)) for name in wanted]
+
+
 def _skinned_normals(
     query: UsdSkel.SkinningQuery,
-    joints: Vt.Matrix4dArray,
+    joints: list[Gf.Matrix4d],
     time: Usd.TimeCode,
     topology: MeshTopology,
     normals: NDArray[np.float32],
 ) -> NDArray[np.float64]:
-    """(C, 3) float64 by face corner, in the skeleton's space."""
-    mapper = query.GetJointMapper()
-    if mapper and not mapper.IsNull():
-        joints = mapper.RemapTransforms(joints)
+    """(C, 3) float64 by face corner, in the skeleton's space.
+
+    joints : skinning transforms in the mesh's own order of joints
+    """
     count = query.GetNumInfluencesPerComponent()
     indices, weights = query.ComputeVaryingJointInfluences(topology.point_count, time)
     at_corners = [

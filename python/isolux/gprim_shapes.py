@@ -64,10 +64,12 @@ class _Sizes:
         self._time = time
 
     def __call__(self, name: str, *, may_be_zero: bool = False) -> float:
-        value = float(self._prim.GetAttribute(name).Get(self._time))
+        value = self._prim.GetAttribute(name).Get(self._time)
+        if not isinstance(value, int | float):
+            raise ShapeError(f"{name} {value!r}")
         if not (_SMALLEST <= value <= _LARGEST or (may_be_zero and value == 0)):
             raise ShapeError(f"{name} {value:g}")
-        return value
+        return float(value)
 
     def axis(self) -> str:
         """ "X", "Y" or "Z"."""

@@ -60,6 +60,20 @@ SEEN_AT_1_AND_3 = """token visibility.timeSamples = {
     1: "inherited", 2: "invisible", 3: "inherited"
 }"""
 BLINKING = FLOOR.replace('"Floor" {', f'"Blinking" {{\n {SEEN_AT_1_AND_3}')
+# One colour for both faces, then one each: displayColor is parted at 3 alone.
+COLOURED = """def Mesh "Coloured" {
+    int[] faceVertexCounts = [4, 4]
+    int[] faceVertexIndices = [0, 1, 4, 3, 1, 2, 5, 4]
+    point3f[] points = [(-1,-1,1), (0,-1,1), (1,-1,1), (-1,1,1), (0,1,1), (1,1,1)]
+    uniform token subdivisionScheme = "none"
+    color3f[] primvars:displayColor ( interpolation = "uniform" )
+    color3f[] primvars:displayColor.timeSamples = {
+        2: [(0.5, 0.5, 0.5), (0.5, 0.5, 0.5)],
+        3: [(0.5, 0.1, 0.1), (0.1, 0.1, 0.5)],
+    }
+}
+"""
+TWO_COLOURS = COLOURED.replace("2: [(0.5, 0.5, 0.5), (", "2: [(0.2, 0.2, 0.2), (")
 BUDGET = ("--method", "dept", "--photons", "4000", "--stages", "2")
 
 
@@ -94,8 +108,24 @@ def corner_values(stage, path, name, time):
 
 @pytest.mark.parametrize(
     "prims",
-    [(FLOOR,), (FLOOR, FOLD), (FLOOR, GROWING), (FLOOR, BALL), (FLOOR, BLINKING)],
-    ids=["moving lamp", "crease that comes", "topology that changes", "growing gprim", "blinking"],
+    [
+        (FLOOR,),
+        (FLOOR, FOLD),
+        (FLOOR, GROWING),
+        (FLOOR, BALL),
+        (FLOOR, BLINKING),
+        (FLOOR, COLOURED),
+        (FLOOR, TWO_COLOURS),
+    ],
+    ids=[
+        "moving lamp",
+        "crease that comes",
+        "topology that changes",
+        "growing gprim",
+        "blinking",
+        "one colour, then two",
+        "two colours",
+    ],
 )
 def test_each_frame_is_a_solve_at_its_time(tmp_path, prims):
     source = write(tmp_path, *prims)

@@ -12,11 +12,12 @@ of its own, `faceVarying`, since creases may come and go.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdUtils, Vt
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdUtils, Vt
 
 from .display_view import DisplayView
 from .errors import SceneError
@@ -119,16 +120,23 @@ class FramesWriter:
             prim = self._source.GetPrimAtPath(mesh.path)
             # What parts the values of a subdivision surface is authored: its points don't.
             self._changes[mesh.path] = mesh.cage is None and (
-                not prim.IsA(UsdGeom.Mesh)
-                or len(mesh.reflectance) > 1
+                self._shading_changes
+                or not (prim and prim.IsA(UsdGeom.Mesh))
                 or any("skel:" in name for name in prim.GetPropertyNames())
-                or any(
-                    prim.GetAttribute(name).ValueMightBeTimeVarying()
-                    for name in _SHAPE_ATTRIBUTES
-                    if prim.HasAttribute(name)
-                )
+                or _any_varies(prim, _SHAPE_ATTRIBUTES)
             )
         return self._changes[mesh.path]
+
+    @cached_property
+    def _shading_changes(self) -> bool:
+        """Whether faces of one colour may have several at another time."""
+        prims = Usd.PrimRange.Stage(self._source, Usd.TraverseInstanceProxies())
+        return any(
+            _any_varies(prim, prim.GetAuthoredPropertyNames())
+            if prim.IsA(UsdShade.Shader) or prim.IsA(UsdShade.NodeGraph)
+            else _any_varies(prim, ("primvars:displayColor",))
+            for prim in prims
+        )
 
     def _join(self, lasting: Sdf.Layer, frame: float) -> None:
         """Add what an earlier frame hadn't (meshes that have become visible)."""
@@ -189,6 +197,13 @@ def frame_label(frame: float) -> str:
     whole, dot, part = f"{frame:.6f}".rstrip("0").partition(".")
     sign = "-" if whole.startswith("-") else ""
     return f"{sign}{whole.lstrip('-'):0>4}{dot + part if part else ''}"
+
+
+def _any_varies(prim: Usd.Prim, names: Iterable[str]) -> bool:
+    return any(
+        prim.HasAttribute(name) and prim.GetAttribute(name).ValueMightBeTimeVarying()
+        for name in names
+    )
 
 
 def _prims(layer: Sdf.Layer) -> list[Sdf.Path]:

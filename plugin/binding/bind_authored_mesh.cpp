@@ -59,7 +59,8 @@ void bind_authored_mesh(nb::module_& module) {
         },
         "points"_a, "matrix"_a, "out"_a.noconvert(), "threads"_a,
         "matrix : (4, 3) float64 for row vectors; out : (P, 3) float64, filled\n"
-        "returns : whether all came out finite");
+        "returns : whether all are numbers and none is over FARTHEST_POINT away");
+    module.attr("FARTHEST_POINT") = kFarthestPoint;
 
     module.def(
         "place_normals",

@@ -113,6 +113,7 @@ void bind_ray_caster(nb::module_& module) {
              "origins, targets : (n, 3) float64, metres, world space\n"
              "returns : (n,) float32, share of the light that passes: 0 where an opaque triangle "
              "lies between");
+    module.attr("MOST_EAR_CORNERS") = kMostEarCorners;
     module.def("triangulate", &triangulate_faces, "points"_a, "face_vertex_counts"_a,
                "face_vertex_indices"_a, "hole_faces"_a, "flip_winding"_a,
                "Triangles of polygon faces; holes and faces without area give none.\n\n"

@@ -51,7 +51,9 @@ bool uses_a_point_twice(std::span<const std::int32_t> face, std::vector<std::int
     return std::ranges::adjacent_find(sorted) != sorted.end();
 }
 
-bool finite(const Vec3d& v) { return std::isfinite(v.x + v.y + v.z); }
+bool within(const Vec3d& v, double limit) { // false for NaN
+    return std::abs(v.x) <= limit && std::abs(v.y) <= limit && std::abs(v.z) <= limit;
+}
 
 Vec3d turned(const Vec3f& v, const Placement& m) {
     const Vec3d p = v.as<double>();
@@ -119,7 +121,7 @@ bool place_points(std::span<const Vec3f> points, const Placement& placement, std
         bool all = true;
         for (std::size_t i = begin; i < end; ++i) {
             out[i] = turned(points[i], placement) + placement.translation;
-            all &= finite(out[i]);
+            all &= within(out[i], kFarthestPoint);
         }
         sound[part] = all;
     });

@@ -26,7 +26,10 @@ struct Placement {
     Vec3d x, y, z, translation;
 };
 
-// out[i] = points[i] placed; returns whether all came out finite.
+// m. Fourth powers of distances, such as areas squared, must be numbers in single precision.
+constexpr double kFarthestPoint = 1e9;
+
+// out[i] = points[i] placed; returns whether all are numbers and none is too far.
 bool place_points(std::span<const Vec3f> points, const Placement& placement, std::span<Vec3d> out,
                   int threads);
 

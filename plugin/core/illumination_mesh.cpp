@@ -13,6 +13,10 @@ namespace {
 // Authored normals of one smooth vertex agree to the rounding of their export.
 const float kSameNormalCosine = static_cast<float>(std::cos(1.0 * std::numbers::pi / 180.0));
 
+// Faces of one edge that are compared with each other; more of them are no surface, and would take
+// time with their square.
+constexpr std::size_t kMostFacesOfEdge = 64;
+
 class DisjointSets {
   public:
     explicit DisjointSets(std::size_t n) : parent_(n) {
@@ -108,7 +112,8 @@ void join_by_angle(const SurfaceMesh& mesh, std::span<const std::int32_t> corner
     }
     std::ranges::sort(edges);
     for (std::size_t i = 1; i < edges.size(); ++i) {
-        for (std::size_t j = i; j-- > 0 && edges[j].other_point == edges[i].other_point;) {
+        const std::size_t last = i > kMostFacesOfEdge ? i - kMostFacesOfEdge : 0;
+        for (std::size_t j = i; j-- > last && edges[j].other_point == edges[i].other_point;) {
             const Vec3f& a = face_normals[neighbours.face[edges[i].corner]];
             const Vec3f& b = face_normals[neighbours.face[edges[j].corner]];
             if (dot(a, b) >= crease_cosine) {

@@ -6,6 +6,9 @@
 namespace isolux {
 namespace {
 
+// Each takes a whole round without an ear; beyond it there is no shape left to keep.
+constexpr std::size_t kMostForcedCuts = 16;
+
 struct Vec2d {
     double x, y;
 };
@@ -55,7 +58,7 @@ bool convex(const std::vector<Vec2d>& polygon) {
 template <typename Emit> void clip_ears(const std::vector<Vec2d>& polygon, const Emit& emit) {
     std::vector<std::int32_t> ring(polygon.size());
     std::iota(ring.begin(), ring.end(), 0);
-    std::size_t at = 0, without_ear = 0;
+    std::size_t at = 0, without_ear = 0, forced_cuts = 0;
     while (ring.size() > 3) {
         const std::size_t n = ring.size();
         const std::int32_t before = ring[(at + n - 1) % n], tip = ring[at],
@@ -66,7 +69,11 @@ template <typename Emit> void clip_ears(const std::vector<Vec2d>& polygon, const
                                return inside(polygon[i], a, b, c);
                            }));
         // A face that crosses itself has no ear left at some point: cut the corner all the same.
-        if (ear || without_ear == n) {
+        const bool forced = without_ear == n;
+        if (forced && ++forced_cuts > kMostForcedCuts) {
+            break;
+        }
+        if (ear || forced) {
             emit(before, tip, after);
             ring.erase(ring.begin() + static_cast<std::ptrdiff_t>(at));
             without_ear = 0;
@@ -76,7 +83,9 @@ template <typename Emit> void clip_ears(const std::vector<Vec2d>& polygon, const
             at = (at + 1) % n;
         }
     }
-    emit(ring[0], ring[1], ring[2]);
+    for (std::size_t i = 1; i + 1 < ring.size(); ++i) {
+        emit(ring[0], ring[i], ring[i + 1]);
+    }
 }
 
 } // namespace
@@ -126,7 +135,7 @@ Triangulation triangulate(const PolygonMesh& mesh) {
         } else if (count > 3 && !hole[face]) {
             const Vec3d front = area_vector(mesh, first, count);
             const auto polygon = project(mesh, first, count, mesh.flip_winding ? -front : front);
-            if (convex(polygon)) {
+            if (count > kMostEarCorners || convex(polygon)) {
                 for (std::int32_t i = 1; i + 1 < count; ++i) {
                     emit(0, i, i + 1);
                 }

@@ -24,6 +24,10 @@ struct Triangulation {
     std::vector<std::int32_t> faces;                  // face of each triangle
 };
 
+// Ears take time with the square of the corners, a second at this many: larger faces are fans,
+// which is right where they are convex.
+constexpr std::int32_t kMostEarCorners = 10'000;
+
 // Faces of fewer than three corners, holes and triangles without area give no triangle.
 Triangulation triangulate(const PolygonMesh& mesh);
 

@@ -104,7 +104,10 @@ def _tetrahedra(prim: Usd.Prim, context: ReadingContext) -> Polygons:
 
 
 def _rows(values: object, width: int, dtype: type) -> NDArray:
-    return np.asarray([] if values is None else values, dtype).reshape(-1, width)
+    rows = np.asarray([] if values is None else values)
+    if rows.size and (rows.dtype.kind not in "iuf" or rows.shape[-1] != width):
+        raise ShapeError(f"{type(values).__name__} for rows of {width} numbers")
+    return rows.astype(dtype).reshape(-1, width)
 
 
 def _require_points(corners: NDArray[np.int32], point_count: int) -> None:

@@ -17,7 +17,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux
 from .errors import PhotometryError, SceneError
 from .light_shaping import Shaping, mirrored, scaled_vertically, shaped_diagram, turned
 from .photometry import LARGEST_FILE, inline_diagram, luminous_flux, read_photometric_bytes
-from .reading_context import ReadingContext, read_asset, triple
+from .reading_context import NO_TRANSFORM, ReadingContext, read_asset, triple
 from .scene_description import GoniometricDiagram, LuminaireDescription, LuminaireShape
 from .solution import LUMINANCE_WEIGHTS
 
@@ -125,7 +125,7 @@ def _read_placement(prim: Usd.Prim, context: ReadingContext) -> Placement | None
     to_world = context.world_matrix(prim)
     kind = _light_kind(prim)
     if to_world is None:
-        context.note(prim, kind, "skipped", "its transform is singular or not finite")
+        context.note(prim, kind, "skipped", NO_TRANSFORM)
         return None
     local_x, local_y, local_z = to_world[:3, :3]
     scale_x, scale_y, scale_z = np.linalg.norm(to_world[:3, :3], axis=1)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
+from .attribute_values import ArrayError, number_array
 from .errors import SceneError
 from .face_values import FaceValues, TextureMeans
 from .material_binding import MaterialBinding
@@ -118,8 +119,11 @@ class MaterialReader:
                     reason = "its family is not materialBind: its material is not used"
                     self._context.note(prim, "GeomSubset", "skipped", reason)
                 continue
-            authored = subset.GetIndicesAttr().Get(self._context.time)
-            indices = np.asarray(authored if authored else [], dtype=np.int64)
+            try:
+                indices = number_array(subset.GetIndicesAttr(), self._context.time, np.int32)
+            except ArrayError as error:
+                self._context.note(prim, "GeomSubset", "repaired", f"{error} and are ignored")
+                continue
             inside = np.unique(indices[(indices >= 0) & (indices < len(topology.counts))])
             outside = np.count_nonzero((indices < 0) | (indices >= len(topology.counts)))
             if outside:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from . import _core
+from .attribute_values import ArrayError, number_array
 from .materials import MaterialReader
 from .mesh_topology import MeshTopology
-from .reading_context import ReadingContext
+from .reading_context import NO_TRANSFORM, ReadingContext
 from .scene_description import MeshDescription
 from .skinned_points import Pose
 from .subdivision_reader import on_limit_surface, refined_surface
@@ -29,21 +30,21 @@ def read_mesh(
 ) -> MeshDescription | None:
     """A mesh prim as arrays; None where it can't be used, with a finding that says why.
 
-    Raises SceneError where its reflectance is none.
+    Raises SceneError where its reflectance is none, ArrayError where an array is none.
     """
     mesh = UsdGeom.Mesh(prim)
     to_world = context.world_matrix(prim)
     if to_world is None:
-        context.note(prim, "Mesh", "skipped", "its transform is singular or not finite")
+        context.note(prim, "Mesh", "skipped", NO_TRANSFORM)
         return None
-    points = _array(mesh.GetPointsAttr(), context.time, np.float32).reshape(-1, 3)
+    points = number_array(mesh.GetPointsAttr(), context.time, np.float32, columns=3)
     world = _placed(points, to_world, context)
     if world is None:
-        context.note(prim, "Mesh", "skipped", "points that are NaN or infinite")
+        context.note(prim, "Mesh", "skipped", "points that are NaN, infinite or over 10⁹ m away")
         return None
     topology = MeshTopology(
-        _array(mesh.GetFaceVertexCountsAttr(), context.time, np.int32),
-        _array(mesh.GetFaceVertexIndicesAttr(), context.time, np.int32),
+        number_array(mesh.GetFaceVertexCountsAttr(), context.time, np.int32),
+        number_array(mesh.GetFaceVertexIndicesAttr(), context.time, np.int32),
         len(points),
     )
     survey = topology.survey(context.threads)
@@ -56,13 +57,18 @@ def read_mesh(
             f"{survey.degenerate_faces} faces without area: under 3 corners or a point used twice"
         )
         context.note(prim, "Mesh", "repaired", reason)
+    if survey.greatest_count > _core.MOST_EAR_CORNERS:
+        reason = f"a face of {survey.greatest_count} corners, taken as if it were convex"
+        context.note(prim, "Mesh", "approximated", reason)
 
     pose = context.skinning.pose(mesh, points, topology)
     if pose:
         to_world = pose.to_world
         world = _placed(pose.points, to_world, context)
         if world is None:
-            context.note(prim, "Mesh", "skipped", "posed points that are NaN or infinite")
+            context.note(
+                prim, "Mesh", "skipped", "posed points that are NaN, infinite or over 10⁹ m away"
+            )
             return None
     mirrored = bool(np.linalg.det(to_world[:3, :3]) < 0)
     left_handed = mesh.GetOrientationAttr().Get(context.time) == UsdGeom.Tokens.leftHanded
@@ -103,16 +109,10 @@ def read_mesh(
     return description if refined is None else on_limit_surface(description, refined)
 
 
-def _array(attribute: Usd.Attribute, time: Usd.TimeCode, dtype: type) -> NDArray:
-    """The values of an array attribute; empty where it has none."""
-    values = attribute.Get(time)
-    return np.zeros(0, dtype) if values is None else np.asarray(values, dtype)
-
-
 def _placed(
     points: NDArray[np.float32], to_world: NDArray[np.float64], context: ReadingContext
 ) -> NDArray[np.float64] | None:
-    """(P, 3) float64 in metres, world space; None where some come out NaN or infinite."""
+    """(P, 3) float64 in metres, world space; None where some are no place to be."""
     world = np.empty(points.shape)
     matrix = to_world[:, :3] * context.meters_per_unit
     return world if _core.place_points(points, matrix, world, context.threads) else None
@@ -124,7 +124,11 @@ def _note_what_is_not_read(mesh: UsdGeom.Mesh, context: ReadingContext) -> None:
 
 
 def _hole_faces(mesh: UsdGeom.Mesh, face_count: int, context: ReadingContext) -> NDArray[np.int32]:
-    authored = _array(mesh.GetHoleIndicesAttr(), context.time, np.int32)
+    try:
+        authored = number_array(mesh.GetHoleIndicesAttr(), context.time, np.int32)
+    except ArrayError as error:
+        context.note(mesh.GetPrim(), "holeIndices", "repaired", f"{error} and are ignored")
+        return np.zeros(0, np.int32)
     if len(authored) == 0:
         return authored
     holes = np.unique(authored)
@@ -156,7 +160,12 @@ def _corner_normals(
         interpolation = str(mesh.GetNormalsInterpolation())
         if authored is None:
             return None
-    values = np.asarray(authored if authored else [], dtype=np.float32).reshape(-1, 3)
+    values = np.asarray(authored if authored else np.zeros((0, 3)))
+    if values.shape[1:] != (3,) or values.dtype.kind != "f":
+        reason = f"{type(authored).__name__} and no vectors: geometric ones instead"
+        context.note(prim, "normals", "repaired", reason)
+        return None
+    values = values.astype(np.float32, copy=False)
     if not topology.has_values(values, interpolation):
         reason = (
             f"{len(values)} {interpolation} normals, {topology.value_count(interpolation)} wanted"

@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Ar, Sdf, Usd, UsdGeom
+from pxr import Ar, Sdf, Tf, Usd, UsdGeom
 
+from .attribute_values import is_like
+from .errors import SceneError
 from .prim_selection import PrimSelection
 from .scene_description import Finding, FindingAction
 from .settings import SolverSettings
@@ -19,6 +21,13 @@ from .skinned_points import Skinning
 
 # A transform that flattens one direction by more than this, relative to the others, is singular.
 SINGULAR_SCALE = 1e-12
+
+
+# Beyond it, volumes are no numbers any more.
+LARGEST_SCALE = 1e60
+# m; a picometre, with which no surface is measured.
+LEAST_UNIT = 1e-12
+NO_TRANSFORM = "its transform is singular, not finite or not readable"
 
 
 class ReadingContext:
@@ -38,6 +47,12 @@ class ReadingContext:
         self.threads = settings.threads or len(os.sched_getaffinity(0))
         self.time = Usd.TimeCode.EarliestTime() if time_code is None else Usd.TimeCode(time_code)
         self.meters_per_unit = float(UsdGeom.GetStageMetersPerUnit(stage))
+        if not LEAST_UNIT <= self.meters_per_unit < math.inf:
+            raise SceneError(
+                stage.GetRootLayer().identifier,
+                f"metersPerUnit = {self.meters_per_unit:g}",
+                f"a finite number of {LEAST_UNIT:g} or more",
+            )
         self.findings: list[Finding] = []
         self._stage = stage
         self._read: Counter[str] = Counter()
@@ -45,6 +60,7 @@ class ReadingContext:
         self.selection = PrimSelection(stage, self)
         self.skinning = Skinning(self)
         self._transforms = UsdGeom.XformCache(self.time)
+        self._broken: list[Sdf.Path] = []
         self._still: set[Sdf.Path] = set()
 
     def note(
@@ -69,18 +85,40 @@ class ReadingContext:
         return dict(sorted(counts.items()))
 
     def value(self, prim: Usd.Prim, name: str, default: Any) -> Any:
-        """The attribute's value at the time of reading, or `default` where it has none."""
+        """The attribute's value at the time of reading, or `default` where it has none.
+
+        Raises SceneError where a number, numbers as many or an asset are wanted, as the default is,
+        and there are none.
+        """
         found = prim.GetAttribute(name).Get(self.time) if prim.HasAttribute(name) else None
-        return default if found is None else found
+        if found is None:
+            return default
+        if not is_like(found, default):
+            kind = "an asset" if isinstance(default, Sdf.AssetPath) else "numbers"
+            told = f"{name} = {found!r:.60}"
+            raise SceneError(str(prim.GetPath()), told, kind)
+        return found
 
     def world_matrix(self, prim: Usd.Prim) -> NDArray[np.float64] | None:
-        """(4, 4) float64 local-to-world for row vectors, in stage units; None where singular."""
-        transform = self._transforms.GetLocalToWorldTransform(prim)
+        """(4, 4) float64 local-to-world for row vectors, in stage units; None where there is none.
+
+        None where it is singular, not finite, or made of operations that USD can't read.
+        """
+        if any(prim.GetPath().HasPrefix(broken) for broken in self._broken):
+            return None
+        try:
+            transform = self._transforms.GetLocalToWorldTransform(prim)
+        except Tf.ErrorException:
+            # USD raises once, and takes the prims below as untransformed from then on.
+            self._broken.append(_unreadable_transform(prim, self.time))
+            return None
         matrix = np.array(transform)
         if transform.GetColumn(3) != (0, 0, 0, 1) or not all(map(math.isfinite, matrix.flat)):
             return None
         # The least scale over the greatest is at least the determinant over the size cubed.
         size = math.hypot(*matrix[:3, :3].flat)
+        if size > LARGEST_SCALE:
+            return None
         if abs(transform.GetDeterminant3()) > SINGULAR_SCALE * size * size * size > 0:
             return matrix
         scales = np.linalg.svd(matrix[:3, :3], compute_uv=False)
@@ -111,10 +149,24 @@ class ReadingContext:
             self._still.add(prim.GetPath())
             if (
                 prim.IsA(UsdGeom.Xformable)
+                and prim.GetPath() not in self._broken
                 and UsdGeom.Xformable(prim).TransformMightBeTimeVarying()
             ):
                 self.note(prim, "animation", "noted", f"animated transform read {when}")
             prim = prim.GetParent()
+
+
+def _unreadable_transform(prim: Usd.Prim, time: Usd.TimeCode) -> Sdf.Path:
+    """The prim, at or above this one, whose own transform USD can't read."""
+    above = prim
+    while above:
+        try:
+            if above.IsA(UsdGeom.Xformable):
+                UsdGeom.Xformable(above).GetLocalTransformation(time)
+        except Tf.ErrorException:
+            return above.GetPath()
+        above = above.GetParent()
+    return prim.GetPath()
 
 
 def read_asset(path: Sdf.AssetPath, at_most: int | None = None) -> bytes | None:

@@ -18,10 +18,12 @@ from .gprim_reader import read_gprim
 from .light_reader import read_light
 from .materials import MaterialReader
 from .mesh_reader import read_mesh
+from .old_lights import note_old_inputs
 from .reading_context import ReadingContext
 from .scene_description import LuminaireDescription, MeshDescription, SceneDescription
 from .settings import SolverSettings, settings_from_stage
 from .stage_opening import AS_IT_STANDS, StageOpening, open_noisily
+from .unreadable_prims import is_in_reach, skipped_where_unreadable
 
 # Bytes of a layer hashed at a time: little memory, and few turns with the thread that reads.
 HASHED_PIECE = 1 << 22
@@ -115,20 +117,23 @@ def _read_prims(
             prims.PruneChildren()
             continue
         if prim.HasAPI(UsdLux.LightAPI):
-            luminaire = read_light(prim, context)
-            if luminaire:
-                luminaires.append(luminaire)
-                context.count_read(prim)
+            note_old_inputs(prim, context)
+            with skipped_where_unreadable(prim, context):
+                luminaire = read_light(prim, context)
+                if luminaire and is_in_reach(luminaire, prim, context):
+                    luminaires.append(luminaire)
+                    context.count_read(prim)
         if prim.GetTypeName() and not prim.IsA(Usd.Typed):
             reason = "a type of prim that this USD does not know"
             context.note(prim, str(prim.GetTypeName()), "skipped", reason)
         if not prim.IsA(UsdGeom.Gprim) or not context.selection.is_rendered(prim):
             continue
         read_shape = read_mesh if prim.IsA(UsdGeom.Mesh) else read_gprim
-        mesh = read_shape(prim, context, materials)
-        if mesh:
-            meshes.append(mesh)
-            context.count_read(prim)
+        with skipped_where_unreadable(prim, context):
+            mesh = read_shape(prim, context, materials)
+            if mesh:
+                meshes.append(mesh)
+                context.count_read(prim)
     return meshes, luminaires
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from .attribute_values import number_array
 from .mesh_topology import MeshTopology
 from .reading_context import ReadingContext
 from .scene_description import MeshDescription
@@ -267,5 +268,4 @@ def _mesh_edges(topology: MeshTopology) -> NDArray[np.int64]:
 
 
 def _numbers(attribute: Usd.Attribute, context: ReadingContext, dtype: type) -> NDArray:
-    values = attribute.Get(context.time)
-    return np.zeros(0, dtype) if values is None else np.asarray(values).astype(dtype)
+    return number_array(attribute, context.time, dtype)

@@ -1,0 +1,36 @@
+"""Prims that USD or the solver can't take: a finding each, and the rest of the stage is read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from pxr import Tf, Usd
+
+from . import _core
+from .attribute_values import ArrayError
+from .reading_context import ReadingContext
+from .scene_description import LuminaireDescription
+
+
+@contextmanager
+def skipped_where_unreadable(prim: Usd.Prim, context: ReadingContext) -> Iterator[None]:
+    """A prim on which USD itself fails, or whose arrays are none, is a finding and no end."""
+    try:
+        yield
+    except ArrayError as error:
+        context.note(prim, str(prim.GetTypeName()), "skipped", str(error))
+    except Tf.ErrorException as error:
+        said = " ".join(error.args[0].commentary.split()) if error.args else "no reason given"
+        context.note(prim, str(prim.GetTypeName()), "skipped", f"USD: {said}")
+
+
+def is_in_reach(luminaire: LuminaireDescription, prim: Usd.Prim, context: ReadingContext) -> bool:
+    """Whether distances to a luminaire are numbers to the solver; else a finding."""
+    lengths = np.abs([*luminaire.origin, *luminaire.size])
+    if (lengths <= _core.FARTHEST_POINT).all():
+        return True
+    reason = f"a place or a size of {lengths.max():.3g} m, over 10⁹ m"
+    context.note(prim, str(prim.GetTypeName()), "skipped", reason)
+    return False

@@ -270,6 +270,19 @@ def test_an_unreadable_texture_gives_its_fallback_and_says_so(tmp_path, contents
     assert found(scene) == [("/Paint/Texture", "UsdUVTexture", "skipped")]
 
 
+def test_an_unreadable_texture_without_a_fallback_leaves_the_display_colour(tmp_path):
+    display = 'color3f[] primvars:displayColor = [(0.3, 0.3, 0.3)] ( interpolation = "constant" )'
+    surface = f"""color3f inputs:{FLAT}
+        float inputs:opacity.connect = </Paint/Texture.outputs:r>"""
+    scene = read_at(tmp_path, quad(extra=display) + material(texture(), surface))
+    np.testing.assert_allclose(scene.meshes[0].reflectance, [[0.3] * 3], rtol=1e-6)
+    assert scene.meshes[0].opacity is None
+    assert found(scene) == [
+        ("/Paint/Texture", "UsdUVTexture", "skipped"),
+        ("/Paint/Surface", "diffuseColor", "approximated"),
+    ]
+
+
 def test_a_texture_inside_a_usdz_package(tmp_path):
     node = texture()
     read_at(tmp_path, quad() + material(node), texture=png(GREYS))

@@ -176,15 +176,16 @@ class FaceValues:
             chosen[faces] = True
             kept = chosen[owners]
             triangles, weights, owners = triangles[kept], weights[kept], owners[kept]
-        means = self._means.over(texture, corners[triangles])
-        self._note_what_is_outside(texture, corners[triangles])
+        places = corners[triangles]
+        means = self._means.over(texture, places)
+        self._note_what_is_outside(texture, places)
         total = np.zeros((len(self._topology.counts), means.shape[1]))
         for channel in range(means.shape[1]):
             total[:, channel] = np.bincount(
                 owners, means[:, channel] * weights, minlength=len(total)
             )
-        # Parts of a bent concave face may add up to more than there is.
-        np.clip(total, *self._means.limits(texture), out=total)
+        if (weights < 0).any():  # parts of a bent concave face may add up to more than there is
+            np.clip(total, *self._means.limits(texture), out=total)
         return total if faces is None else total[faces]
 
     def _note_what_is_outside(self, texture: Textured, triangles: NDArray[np.float64]) -> None:

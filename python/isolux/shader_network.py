@@ -209,18 +209,18 @@ class ShaderNetwork:
         return held.value if isinstance(held, Constant) else np.zeros(1)
 
     def _uv_texture(self, node: UsdShade.Shader, output: str) -> Value:
-        fallback = self._vector(node, "fallback", (0.0, 0.0, 0.0, 1.0))
         layout = TextureLayout(
             self.coordinates(node, "st", None),
             (str(self.plain(node, "wrapS", "")), str(self.plain(node, "wrapT", ""))),
         )
         space = str(self.plain(node, "sourceColorSpace", "auto"))
-        texture = self._read(node, space, layout, fallback)
+        is_authored = self.plain(node, "fallback", None) is not None
+        fallback = self._vector(node, "fallback", (0.0, 0.0, 0.0, 1.0))
+        read = self._read(node, space, layout, fallback if is_authored else None)
         scale = self._vector(node, "scale", (1.0, 1.0, 1.0, 1.0))
         bias = self._vector(node, "bias", (0.0, 0.0, 0.0, 0.0))
-        read: Value = texture if texture else Constant(fallback)
-        if texture and not ((scale == 1).all() and (bias == 0).all()):
-            read = combine(lambda t, s, b: t * s + b, texture, Constant(scale), Constant(bias))
+        if isinstance(read, Textured) and not ((scale == 1).all() and (bias == 0).all()):
+            read = combine(lambda t, s, b: t * s + b, read, Constant(scale), Constant(bias))
         return _channel(read, _CHANNELS[output]) if output in _CHANNELS else _colour(read)
 
     def _vector(
@@ -242,8 +242,10 @@ class ShaderNetwork:
             offset = -self._vector(node, "uvoffset", (0.0, 0.0)) * stretch
             tiling = np.diag(self._vector(node, "uvtiling", one) * stretch)
             coordinates = coordinates.then(tiling, offset)
-        default = self._fallback(node, "default")
-        outside = np.broadcast_to(default[:1], 4) if len(default) < 3 else np.resize(default, 4)
+        default = None
+        if self._source(node, "default") is not None:
+            value = self._fallback(node, "default")
+            default = np.resize(value, 4) if len(value) >= 3 else np.repeat(value[:1], 4)
         modes = {"periodic": "repeat", "clamp": "clamp", "mirror": "mirror", "constant": "black"}
         wrap = [str(self.plain(node, f"{a}addressmode", "periodic")) for a in "uv"]
         if operation == "tiledimage":
@@ -253,8 +255,7 @@ class ShaderNetwork:
         kind = str(node.GetShaderId()).split("_")[2:]
         # Renderers take pictures of colours without a named space as UsdUVTexture does.
         space = "auto" if kind[:1] in (["color3"], ["color4"]) else "raw"
-        read = self._read(node, space, layout, np.asarray(outside, np.float64))
-        found: Value = read if read else Constant(np.asarray(outside, np.float64))
+        found = self._read(node, space, layout, default)
         if kind[:1] == ["float"]:
             return _channel(found, 0)
         return _colour(found) if kind[:1] == ["color3"] else found
@@ -264,20 +265,20 @@ class ShaderNetwork:
         node: UsdShade.Shader,
         space: str,
         layout: TextureLayout,
-        fallback: NDArray[np.float64],
-    ) -> Textured | None:
+        fallback: NDArray[np.float64] | None,
+    ) -> Value:
+        """A texture, else its fallback; raises NetworkError where it has none."""
         asset = self.plain(node, "file", None)
+        asset = asset if isinstance(asset, Sdf.AssetPath) else Sdf.AssetPath()
         source = self._source(node, "file")
         if source is not None and space == "auto":
             space = source.GetColorSpace() or space
-        return self._textures.texture(
-            node.GetPrim(),
-            asset if isinstance(asset, Sdf.AssetPath) else Sdf.AssetPath(),
-            source,
-            space,
-            layout,
-            fallback,
-        )
+        read = self._textures.texture(node.GetPrim(), asset, source, space, layout, fallback)
+        if read is not None:
+            return read
+        if fallback is None:
+            raise NetworkError("its texture can't be read")
+        return Constant(fallback)
 
     def coordinates(
         self, node: UsdShade.Shader, name: str, default: Coordinates | None, depth: int = 0

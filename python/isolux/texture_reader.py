@@ -33,9 +33,13 @@ class TextureReader:
         source: Usd.Attribute | None,
         space: str,
         layout: TextureLayout,
-        fallback: NDArray[np.float64],
+        fallback: NDArray[np.float64] | None,
     ) -> Textured | None:
-        """The texture of a node; None, with a finding, where it has none that can be read."""
+        """The texture of a node; None, with a finding, where it has none that can be read.
+
+        source : the attribute that names the file
+        fallback : (4,) as authored
+        """
         if space != "auto" and not is_colour_space(space):
             reason = f"nothing knows its colour space {space}: taken as raw"
             self._context.note(prim, "sourceColorSpace", "approximated", reason)
@@ -44,34 +48,35 @@ class TextureReader:
         files = {0: asset}
         if is_udim:
             files = _tiles(asset, source)
-        read: dict[int, Texture] = {}
+        instead = "" if fallback is None else "; its fallback instead"
+        tiles, is_clipped, metadata = {}, False, ("", "")
         for number, file in files.items():
             try:
-                read[number] = self._file(file, space)
+                texture = self._file(file, space)
             except (SceneError, UnknownColourSpaceError) as error:
                 found = error.found if isinstance(error, SceneError) else str(error)
-                self._skip(prim, file.path, found)
-        if not read:
+                reason = f"texture {file.path or 'without a file'}: {found}{instead}"
+                self._context.note(prim, _kind(prim), "skipped", reason)
+                continue
+            tiles[number] = partial(self._texels, file, space)
+            is_clipped |= texture.is_clipped
+            metadata = texture.wrap
+        if not tiles:
             if is_udim and not files:
-                self._skip(prim, asset.path, "no tiles")
+                reason = f"texture {asset.path}: no tiles{instead}"
+                self._context.note(prim, _kind(prim), "skipped", reason)
             return None
         reason = "a face takes the mean of its part of the texture"
         self._context.note(prim, _kind(prim), "approximated", reason)
-        if any(texture.is_clipped for texture in read.values()):
+        if is_clipped:
             self._context.note(prim, _kind(prim), "repaired", CLIPPED)
-        metadata = next(iter(read.values())).wrap
         across, down = (
             mode if mode in ("repeat", "mirror", "clamp", "black") else found or "black"
             for mode, found in zip(layout.wrap, metadata, strict=True)
         )
         wrap = ("clamp", "clamp") if is_udim else (across, down)
-        outside = fallback if is_udim else np.array([0.0, 0.0, 0.0, 0.0])
-        tiles = {number: partial(self._texels, files[number], space) for number in read}
+        outside = fallback if is_udim and fallback is not None else np.zeros(4)
         return Textured(tiles, outside, TextureLayout(layout.coordinates, wrap, is_udim))
-
-    def _skip(self, prim: Usd.Prim, name: str, found: str) -> None:
-        reason = f"texture {name or 'without a file'}: {found}; its fallback instead"
-        self._context.note(prim, _kind(prim), "skipped", reason)
 
     def _texels(self, asset: Sdf.AssetPath, space: str) -> NDArray[np.float32]:
         return self._file(asset, space).texels

@@ -97,6 +97,14 @@ def test_black_is_scaled_and_biased_like_the_rest(tmp_path):
     np.testing.assert_allclose(reflectance, [[0.1, 0.2, 0.3]], rtol=1e-6)
 
 
+MOVED = """
+    def Shader "Moved" {
+        uniform token info:id = "UsdTransform2d"
+        float2 inputs:in.connect = </Paint/Reader.outputs:result>
+        %s
+        float2 outputs:result
+    }"""
+BY_MOVED = "float2 inputs:st.connect = </Paint/Moved.outputs:result>"
 QUARTERS = np.array([[51, 102], [153, 204]])  # 0.2 0.4 on top, 0.6 0.8 below
 
 
@@ -110,16 +118,8 @@ QUARTERS = np.array([[51, 102], [153, 204]])  # 0.2 0.4 on top, 0.6 0.8 below
     ],
 )
 def test_transformed_coordinates(tmp_path, transform, expected):
-    moved = f"""
-    def Shader "Moved" {{
-        uniform token info:id = "UsdTransform2d"
-        float2 inputs:in.connect = </Paint/Reader.outputs:result>
-        {transform}
-        float2 outputs:result
-    }}"""
-    by_it = "float2 inputs:st.connect = </Paint/Moved.outputs:result>"
     repeat = 'token inputs:wrapS = "repeat"\n token inputs:wrapT = "repeat"'
-    nodes = texture(repeat, st=by_it) + moved
+    nodes = texture(repeat, st=BY_MOVED) + MOVED % transform
     reflectance = reflectance_of(tmp_path, quad(), nodes, texture=png(QUARTERS))
     np.testing.assert_allclose(reflectance[0], expected, rtol=1e-6)
 
@@ -344,10 +344,13 @@ def test_a_part_of_a_mesh_takes_its_own_texels(tmp_path):
     np.testing.assert_allclose(scene.meshes[0].reflectance[:, 0], [0.18, 0.8, 0.2, 0.18], rtol=1e-6)
 
 
-@pytest.mark.parametrize("broken", ["nan", "inf", "-1e30"])
+@pytest.mark.parametrize("broken", ["nan", "inf", "-1e30", "transform"])
 def test_coordinates_that_are_none_count_as_zero_and_are_reported(tmp_path, broken):
-    text = quad([(0.25, 0.25)] * 4).replace("(0.25, 0.25)", f"({broken}, 0.25)")
-    scene = read_at(tmp_path, text + material(texture()), texture=png(QUARTERS))
+    nodes = texture()
+    if broken == "transform":
+        broken, nodes = 0.25, texture(st=BY_MOVED) + MOVED % "float2 inputs:scale = (1e38, 1e38)"
+    text = quad([(broken, 0.25)] * 4)
+    scene = read_at(tmp_path, text + material(nodes), texture=png(QUARTERS))
     np.testing.assert_allclose(scene.meshes[0].reflectance[0], 0.6, rtol=1e-6)
     assert found(scene) == [TEXTURE_READ, ("/Floor", "texture", "repaired")]
 

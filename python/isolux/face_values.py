@@ -203,24 +203,25 @@ class FaceValues:
 
     def _corners(self, coordinates: Coordinates) -> NDArray[np.float64] | None:
         """(1, 2) or (C, 2) texture coordinates of corners; None where the mesh has none."""
-        if coordinates.primvar is None:
-            return coordinates.of(np.zeros((1, 2)))
-        found = self._found(coordinates.primvar)
-        if found is None or found[0].shape[1] < 2:
-            if coordinates.fallback is None:
+        values, interpolation = np.zeros((1, 2)), "constant"
+        if coordinates.primvar is not None:
+            found = self._found(coordinates.primvar)
+            if found is not None and found[0].shape[1] >= 2:
+                values, interpolation = found[0][:, :2].astype(np.float64), found[1]
+            elif coordinates.fallback is not None:
+                values = np.array([coordinates.fallback])
+            else:
                 return None
-            return coordinates.of(np.array([coordinates.fallback]))
-        values = found[0][:, :2].astype(np.float64)
+        with np.errstate(all="ignore"):
+            values = coordinates.of(values)
         broken = ~(np.abs(values) <= MAX_COORDINATE).all(axis=1)
         if broken.any():
-            reason = (
-                f"{broken.sum()} values of {coordinates.primvar} are no coordinates: taken as 0"
-            )
-            self._note_once(reason, "repaired")
+            name = coordinates.primvar or "their node"
+            self._note_once(f"{broken.sum()} values of {name} are no coordinates", "repaired")
             values[broken] = 0
-        if found[1] == "constant":
-            return coordinates.of(values)
-        return coordinates.of(self._topology.to_corners(values, found[1]))
+        if interpolation == "constant":
+            return values
+        return self._topology.to_corners(values, interpolation)
 
     def _note_once(self, reason: str, action: FindingAction = "approximated") -> None:
         if reason not in self._noted:

@@ -52,6 +52,7 @@ class MaterialReader:
     def __init__(self, context: ReadingContext) -> None:
         self._context = context
         self._surfaces: dict[Sdf.Path, Surface | None] = {}
+        self._uniform: dict[Sdf.Path, FaceSurfaces] = {}  # those of materials without textures
         self._noted: set[tuple[Sdf.Path, str]] = set()
         instead = f"displayColor or {DEFAULT_REFLECTANCE} instead"
         self._reader = SurfaceReader(context, ShaderNetwork(context), instead)
@@ -144,6 +145,8 @@ class MaterialReader:
         surface = self._surface(prim)
         if surface is None:
             return self._displayed(mesh, values, faces)
+        if surface.path in self._uniform:
+            return self._uniform[surface.path]
         stopped = values.of(surface.opacity, faces)
         if not isinstance(surface.opacity, Constant) and ((stopped > 0) & (stopped < 1)).any():
             reason = "a cut-out is taken as its mean over each face"
@@ -151,11 +154,16 @@ class MaterialReader:
         reflected = _three_channels(values.of(surface.reflected, faces))
         # What is cut out has no colour: the mean is that of the rest.
         reflectance = reflected / np.where(stopped > OPACITY_ROUNDING, stopped, 1.0)
-        return FaceSurfaces(
+        found = FaceSurfaces(
             self._checked(reflectance, surface.path),
             self._opacity(stopped, surface.path),
             self._emission(_three_channels(values.of(surface.emission, faces)), surface.path),
         )
+        if all(
+            isinstance(v, Constant) for v in (surface.reflected, surface.opacity, surface.emission)
+        ):
+            self._uniform[surface.path] = found
+        return found
 
     def _displayed(
         self, mesh: UsdGeom.Gprim, values: FaceValues, faces: NDArray[np.int64] | None

@@ -77,7 +77,7 @@ class Textured:
 
 @dataclass(frozen=True, slots=True)
 class PrimvarValue:
-    """channels : of its elements, as far as the reader says; fallback : (C,) float64"""
+    """fallback : (C,) float64, where a mesh has no such primvar"""
 
     name: str
     fallback: NDArray[np.float64]

@@ -25,8 +25,8 @@ def attribute_colours(
         return colours
     try:
         converted, is_clipped = to_linear_rec709(colours, str(space))
-    except UnknownColourSpaceError:
-        reason = f"nothing knows its colour space {space}: taken as linear Rec. 709"
+    except UnknownColourSpaceError as error:
+        reason = f"its colour space {space} can't be used ({error}): taken as linear Rec. 709"
         context.note(attribute.GetPrim(), attribute.GetName(), "approximated", reason)
         return colours
     if is_clipped:

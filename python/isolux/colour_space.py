@@ -51,13 +51,13 @@ def to_linear_rec709(values: NDArray[np.floating], space: str) -> tuple[NDArray[
     return clipped, bool((np.abs(clipped - colours) > _ROUNDING).any())
 
 
-def is_colour_space(space: str) -> bool:
-    """Whether the name is known."""
+def colour_space_fault(space: str) -> str | None:
+    """Why a name can't be used; None where it can."""
     try:
         to_linear_rec709(np.zeros((1, 3), np.float32), space)
-    except UnknownColourSpaceError:
-        return False
-    return True
+    except UnknownColourSpaceError as error:
+        return str(error)
+    return None
 
 
 def is_by_channel(space: str) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdShade
 
-from .colour_space import CLIPPED, UnknownColourSpaceError, is_colour_space
+from .colour_space import CLIPPED, UnknownColourSpaceError, colour_space_fault
 from .errors import SceneError
 from .reading_context import ReadingContext
 from .shader_values import Textured, TextureLayout
@@ -40,8 +40,9 @@ class TextureReader:
         source : the attribute that names the file
         fallback : (4,) as authored
         """
-        if space != "auto" and not is_colour_space(space):
-            reason = f"nothing knows its colour space {space}: taken as raw"
+        fault = colour_space_fault(space)
+        if fault:
+            reason = f"its colour space {space} can't be used ({fault}): taken as raw"
             self._context.note(prim, "sourceColorSpace", "approximated", reason)
             space = "raw"
         is_udim = UsdShade.UdimUtils.IsUdimIdentifier(asset.path)

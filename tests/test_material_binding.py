@@ -148,3 +148,19 @@ def Xform "Room" {api} {{
         alone, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.full)
         assert binding.material(prim).GetPath() == alone.GetPath()
         assert alone.GetPath() == ("/Grey20" if i % 2 else "/Grey60")
+
+
+def test_a_part_of_a_mesh_shines_and_lets_light_through_by_itself():
+    lamp = """def Material "Lamp" {
+        token outputs:surface.connect = </Lamp/Surface.outputs:surface>
+        def Shader "Surface" {
+            uniform token info:id = "UsdPreviewSurface"
+            color3f inputs:emissiveColor = (100, 200, 300)
+            float inputs:opacity = 0.25
+            token outputs:surface
+        }
+    }"""
+    parts = part("Tube", [1], 20).replace("/Grey20", "/Lamp")
+    mesh = read_usda(room(on_wall=bind(40), on_parts=parts) + lamp).meshes[0]
+    np.testing.assert_allclose(mesh.emission, [[0, 0, 0], [100, 200, 300]])
+    np.testing.assert_allclose(mesh.opacity, [1, 0.25])

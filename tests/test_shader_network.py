@@ -381,3 +381,17 @@ def test_interfaces_connected_in_a_circle_are_as_good_as_none(tmp_path):
     np.testing.assert_allclose(
         read_at(tmp_path, text).meshes[0].reflectance, [[0.8] * 3], rtol=1e-6
     )
+
+
+@pytest.mark.parametrize(
+    ("surface", "kind", "action"),
+    [
+        ("float inputs:coat = 0.5", "coat", "approximated"),
+        ("float inputs:base.timeSamples = { 1: 0.5, 2: 1 }", "animation", "noted"),
+        ("float inputs:opacity.connect = </Paint/Noise.outputs:out>", "opacity", "approximated"),
+    ],
+)
+def test_what_is_not_read_of_a_surface_is_reported(tmp_path, surface, kind, action):
+    noise = node("ND_noise2d_float", "", "Noise", "float outputs:out")
+    scene = read_at(tmp_path, quad() + material(noise, surface, STANDARD))
+    assert found(scene) == [("/Paint/Surface", kind, action)]

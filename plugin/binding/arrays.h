@@ -11,6 +11,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include "core/placement.h"
 #include "core/vec3.h"
 
 namespace isolux::binding {
@@ -20,6 +21,7 @@ namespace nb = nanobind;
 template <typename T> using In1 = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 template <typename T>
 using In3 = nb::ndarray<const T, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+using InMatrix = nb::ndarray<const double, nb::shape<4, 4>, nb::c_contig, nb::device::cpu>;
 template <typename T> using Out = nb::ndarray<nb::numpy, T>;
 
 template <typename T> std::span<const T> view(const In1<T>& a) { return {a.data(), a.size()}; }
@@ -28,6 +30,12 @@ template <typename T> std::span<const T> view(const In1<T>& a) { return {a.data(
 template <typename T> std::span<const Vec3<T>> view(const In3<T>& a) {
     static_assert(sizeof(Vec3<T>) == 3 * sizeof(T));
     return {reinterpret_cast<const Vec3<T>*>(a.data()), a.shape(0)};
+}
+
+// Of a matrix for row vectors.
+template <typename Matrix> Placement placement(const Matrix& m) {
+    const auto row = [&](std::size_t i) { return Vec3d{m(i, 0), m(i, 1), m(i, 2)}; };
+    return {row(0), row(1), row(2), row(3)};
 }
 
 // A NumPy array that owns the vector; Element may be a struct or array of T's.

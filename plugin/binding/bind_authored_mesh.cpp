@@ -24,11 +24,6 @@ template <typename T> std::span<Vec3<T>> view_to_fill(InOut3<T>& a, std::size_t 
     return {reinterpret_cast<Vec3<T>*>(a.data()), wanted};
 }
 
-Placement placement(const Matrix& matrix) {
-    const auto row = [&](std::size_t i) { return Vec3d{matrix(i, 0), matrix(i, 1), matrix(i, 2)}; };
-    return {row(0), row(1), row(2), row(3)};
-}
-
 } // namespace
 
 void bind_authored_mesh(nb::module_& module) {

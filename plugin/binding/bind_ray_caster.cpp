@@ -4,6 +4,8 @@
 #include <stdexcept>
 
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
 #include <tbb/parallel_for.h>
 
 #include "binding/arrays.h"
@@ -92,18 +94,34 @@ void bind_ray_caster(nb::module_& module) {
         .def(
             "__init__",
             [](RayCaster* self, const In3<double>& points, const Triangles& triangles, int threads,
-               const std::optional<In1<float>>& opacity) {
+               const std::optional<In1<float>>& opacity,
+               const std::vector<std::tuple<std::int32_t, std::int32_t, std::int32_t, InMatrix>>&
+                   copies) {
                 const auto a = opacity ? view(*opacity) : std::span<const float>{};
                 if (opacity && a.size() != triangles.shape(0)) {
                     throw std::invalid_argument("opacity wants one entry a triangle");
                 }
-                new (self)
-                    RayCaster({view(points), rows(triangles), {a.begin(), a.end()}}, threads);
+                std::vector<TriangleCopies> matched;
+                for (const auto& [first, count, source, matrix] : copies) {
+                    const auto match = match_copies(view(points), rows(triangles), first, count,
+                                                    source, placement(matrix));
+                    if (!match) {
+                        throw std::invalid_argument("triangles that are no copies");
+                    }
+                    matched.push_back(*match);
+                }
+                new (self) RayCaster(
+                    {view(points), rows(triangles), {a.begin(), a.end()}, {}, std::move(matched)},
+                    threads);
             },
             "points"_a, "triangles"_a, "threads"_a = -1, "opacity"_a.none() = nb::none(),
+            "copies"_a = nb::list(),
             "points : (V, 3) float64, metres, world space\n"
             "triangles : (T, 3) int32, valid indices into points\n"
-            "opacity : (T,) float32 in (0, 1], share of the light that each stops; None: all")
+            "opacity : (T,) float32 in (0, 1], share of the light that each stops; None: all\n"
+            "copies : of (first, count, source, (4, 4) float64 matrix for row vectors): triangles "
+            "that are those from source on in another place, to share a tree")
+        .def_prop_ro("tree_bytes", &RayCaster::tree_bytes)
         .def("closest_hits", &closest_hits, "origins"_a, "directions"_a,
              "origins : (n, 3) float64, metres, world space\n"
              "directions : (n, 3) float32, of any length\n"

@@ -62,7 +62,8 @@ class SceneBuilder {
                   const In1<std::int32_t>& face_vertex_indices,
                   const std::optional<In3<float>>& corner_normals,
                   const In1<std::int32_t>& hole_faces, const In3<float>& reflectance,
-                  bool double_sided, bool flip_winding, const std::optional<In1<float>>& opacity) {
+                  bool double_sided, bool flip_winding, const std::optional<In1<float>>& opacity,
+                  std::int64_t copy_of, const std::optional<InMatrix>& matrix) {
         const auto normals = corner_normals ? view(*corner_normals) : std::span<const Vec3f>{};
         if (opacity && opacity->size() != 1 && opacity->size() != face_vertex_counts.size()) {
             throw std::invalid_argument("opacity wants one entry, or one a face");
@@ -74,6 +75,18 @@ class SceneBuilder {
                    double_sided,
                    opacity ? view(*opacity) : std::span<const float>{}},
                   crease_angle_);
+        if (copy_of < 0) {
+            return;
+        }
+        const std::size_t own = mesh_.meshes.size() - 1;
+        if (!matrix || copy_of >= static_cast<std::int64_t>(own)) {
+            throw std::invalid_argument("a copy wants an earlier mesh and a matrix");
+        }
+        const auto source = static_cast<std::size_t>(copy_of);
+        if (std::ranges::find(copies_, source, &MeshCopy::mesh) != copies_.end()) {
+            throw std::invalid_argument("a copy of a copy");
+        }
+        copies_.push_back({own, source, placement(*matrix)});
     }
 
     void add_luminaire(const std::string& shape, const In1<double>& origin, const In3<double>& axes,
@@ -162,15 +175,17 @@ class SceneBuilder {
         }
     }
 
-    std::unique_ptr<Scene> build(int threads) {
+    std::unique_ptr<Scene> build(int threads, std::int64_t worth_sharing) {
         nb::gil_scoped_release release;
-        return std::make_unique<Scene>(std::move(mesh_), std::move(luminaires_), threads);
+        return std::make_unique<Scene>(std::move(mesh_), std::move(luminaires_), copies_,
+                                       worth_sharing, threads);
     }
 
   private:
     double crease_angle_;
     IlluminationMesh mesh_;
     std::vector<Luminaire> luminaires_;
+    std::vector<MeshCopy> copies_;
 };
 
 nb::list mesh_ranges(const Scene& scene) {
@@ -272,6 +287,9 @@ void bind_solver(nb::module_& module) {
     nb::class_<Scene>(module, "Scene", "An immutable scene, its ray tracing tree built.")
         .def_prop_ro("luminous_flux", &Scene::luminous_flux, "lm, of all luminaires")
         .def_prop_ro("coloured", &Scene::coloured)
+        .def_prop_ro(
+            "tree_bytes", [](const Scene& s) { return s.ray_caster().tree_bytes(); },
+            "bytes of the ray tracing tree")
         .def_prop_ro("linked", &Scene::linked, "whether some luminaire has light links")
         .def_prop_ro("element_count", [](const Scene& s) { return s.mesh().elements.size(); })
         .def_prop_ro("vertex_count", [](const Scene& s) { return s.mesh().positions.size(); })
@@ -327,11 +345,13 @@ void bind_solver(nb::module_& module) {
             "lit, shadow : (M,) uint8, of each mesh whether it receives the luminaire's light and "
             "whether it stands in it");
 
+    module.attr("WORTH_SHARING") = kWorthSharing;
     nb::class_<SceneBuilder>(module, "SceneBuilder", "Takes meshes and luminaires, gives a Scene.")
         .def(nb::init<double>(), "crease_angle"_a, "crease_angle : rad")
         .def("add_mesh", &SceneBuilder::add_mesh, "points"_a, "face_vertex_counts"_a,
              "face_vertex_indices"_a, "corner_normals"_a.none(), "hole_faces"_a, "reflectance"_a,
-             "double_sided"_a, "flip_winding"_a, "opacity"_a.none() = nb::none(),
+             "double_sided"_a, "flip_winding"_a, "opacity"_a.none() = nb::none(), "copy_of"_a = -1,
+             "matrix"_a.none() = nb::none(),
              "As isolux.scene_description.MeshDescription; opacity in (0, 1].")
         .def("add_luminaire", &SceneBuilder::add_luminaire, "shape"_a, "origin"_a, "axes"_a,
              "size"_a, "colour"_a, "luminous_flux"_a, "diagram"_a.none(),
@@ -345,7 +365,9 @@ void bind_solver(nb::module_& module) {
              "points : (P, 3) float64, metres\n"
              "triangles : (T, 3) int32, counter-clockwise seen from where they shine\n"
              "luminance : (T, 3) or (1, 3) float32, cd/m^2 by channel")
-        .def("build", &SceneBuilder::build, "threads"_a, "Once; the builder is empty afterwards.");
+        .def("build", &SceneBuilder::build, "threads"_a, "worth_sharing"_a = kWorthSharing,
+             "Once; the builder is empty afterwards.\n\n"
+             "worth_sharing : bytes; where copies of meshes save as many, they share a tree");
 
     nb::class_<PhotonBuckets>(module, "PhotonBuckets",
                               "Hit counts and coloured flux of each illumination vertex.")

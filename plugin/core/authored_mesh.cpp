@@ -55,11 +55,6 @@ bool within(const Vec3d& v, double limit) { // false for NaN
     return std::abs(v.x) <= limit && std::abs(v.y) <= limit && std::abs(v.z) <= limit;
 }
 
-Vec3d turned(const Vec3f& v, const Placement& m) {
-    const Vec3d p = v.as<double>();
-    return m.x * p.x + m.y * p.y + m.z * p.z;
-}
-
 } // namespace
 
 TopologySurvey survey_topology(std::span<const std::int32_t> counts,
@@ -120,7 +115,7 @@ bool place_points(std::span<const Vec3f> points, const Placement& placement, std
     for_parts(points.size(), threads, [&](std::size_t part, std::size_t begin, std::size_t end) {
         bool all = true;
         for (std::size_t i = begin; i < end; ++i) {
-            out[i] = turned(points[i], placement) + placement.translation;
+            out[i] = placement(points[i].as<double>());
             all &= within(out[i], kFarthestPoint);
         }
         sound[part] = all;
@@ -136,7 +131,7 @@ bool place_normals(std::span<const Vec3f> normals, std::span<const std::int32_t>
     for_parts(normals.size(), threads, [&](std::size_t part, std::size_t begin, std::size_t end) {
         bool all = true;
         for (std::size_t i = begin; i < end; ++i) {
-            const Vec3d normal = turned(normals[i], placement);
+            const Vec3d normal = placement.linear(normals[i].as<double>());
             const double square = dot(normal, normal);
             all &= square > 0.0 && std::isfinite(square);
             to[i] = (normal * (1.0 / std::sqrt(square))).as<float>();

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <span>
 
+#include "core/placement.h"
 #include "core/vec3.h"
 
 namespace isolux {
@@ -20,11 +21,6 @@ struct TopologySurvey {
 // Faces are looked at where the counts add up to the indices; else there is no telling them apart.
 TopologySurvey survey_topology(std::span<const std::int32_t> counts,
                                std::span<const std::int32_t> indices, int threads);
-
-// Row vectors, as USD has them: p' = p · linear + translation.
-struct Placement {
-    Vec3d x, y, z, translation;
-};
 
 // m. Fourth powers of distances, such as areas squared, must be numbers in single precision.
 constexpr double kFarthestPoint = 1e9;

@@ -1,6 +1,7 @@
 #include "core/ray_caster.h"
 
 #include <algorithm>
+#include <atomic>
 #include <bit>
 #include <cmath>
 #include <limits>
@@ -128,11 +129,31 @@ RTCRay embree_ray(const Ray& ray, float far) {
     return out;
 }
 
+using Triangles = std::span<const std::array<std::int32_t, 3>>;
+
+// Triangles that make one geometry of the scene.
+struct Part {
+    std::int32_t first = 0;
+    // Of copies, as in TriangleCopies; and where the axes of the source's area vectors go.
+    std::array<std::uint8_t, 3> corners{0, 1, 2};
+    std::array<Vec3f, 3> areas{};
+
+    void place(Hit& hit) const {
+        const std::array weights{1.0F - hit.u - hit.v, hit.u, hit.v};
+        hit.triangle += first;
+        hit.u = weights[corners[1]];
+        hit.v = weights[corners[2]];
+        hit.normal = areas[0] * hit.normal.x + areas[1] * hit.normal.y + areas[2] * hit.normal.z;
+    }
+};
+
 } // namespace
 
 struct RayCaster::Embree {
     RTCDevice device = new_device();
     RTCScene scene = rtcNewScene(device);
+    std::atomic<std::int64_t> bytes = 0;
+    std::vector<Part> parts; // by geometry of the scene
     // One a triangle, or none.
     std::vector<float> opacity;
     std::vector<std::int32_t> meshes;
@@ -145,11 +166,20 @@ struct RayCaster::Embree {
         return met != nullptr && met[meshes[triangle]] == 0;
     }
 
+    std::uint32_t triangle(const RTCFilterFunctionNArguments* arguments, unsigned i) const {
+        const unsigned copy = RTCHitN_instID(arguments->hit, arguments->N, i, 0);
+        const unsigned part = copy != RTC_INVALID_GEOMETRY_ID
+                                  ? copy
+                                  : RTCHitN_geomID(arguments->hit, arguments->N, i);
+        return static_cast<std::uint32_t>(parts[part].first) +
+               RTCHitN_primID(arguments->hit, arguments->N, i);
+    }
+
     // Of single rays. What it refuses is not hit.
     static void meet(const RTCFilterFunctionNArguments* arguments) {
         const auto& embree = *static_cast<const Embree*>(arguments->geometryUserPtr);
         const auto& query = *static_cast<const Query*>(arguments->context);
-        const std::uint32_t triangle = RTCHitN_primID(arguments->hit, 1, 0);
+        const std::uint32_t triangle = embree.triangle(arguments, 0);
         const float opacity = embree.opacity_of(triangle);
         if (embree.passes_by(query.meshes[0], triangle) ||
             (opacity < 1.0F && high_float(mix64(query.key ^ mix64(triangle))) >= opacity)) {
@@ -165,7 +195,7 @@ struct RayCaster::Embree {
             if (arguments->valid[i] == 0) {
                 continue;
             }
-            const std::uint32_t triangle = RTCHitN_primID(arguments->hit, n, i);
+            const std::uint32_t triangle = embree.triangle(arguments, i);
             const unsigned ray = RTCRayN_id(arguments->ray, n, i);
             if (embree.passes_by(query.meshes[ray], triangle)) {
                 arguments->valid[i] = 0;
@@ -185,18 +215,86 @@ struct RayCaster::Embree {
     }
 
     // Watertight: a ray through an edge meets one of the triangles that share it.
-    Embree() { rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST); }
+    Embree() {
+        const auto count = [](void* sum, ssize_t change, bool) {
+            *static_cast<std::atomic<std::int64_t>*>(sum) += change;
+            return true;
+        };
+        rtcSetDeviceMemoryMonitorFunction(device, count, &bytes);
+        rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
+    }
     Embree(const Embree&) = delete;
     Embree& operator=(const Embree&) = delete;
     ~Embree() {
         rtcReleaseScene(scene);
         rtcReleaseDevice(device);
     }
+
+    void add_triangles(RTCScene to, std::span<const Vec3d> points, Triangles triangles,
+                       const Vec3d& centre) {
+        std::int32_t low = std::numeric_limits<std::int32_t>::max(), high = 0;
+        for (const auto& [a, b, c] : triangles) {
+            low = std::min({low, a, b, c});
+            high = std::max({high, a + 1, b + 1, c + 1});
+        }
+        const RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+        const auto free_geometry =
+            std::unique_ptr<RTCGeometryTy, void (*)(RTCGeometry)>(geometry, rtcReleaseGeometry);
+        auto* vertex = static_cast<Vec3f*>(
+            rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                    sizeof(Vec3f), static_cast<std::size_t>(high - low)));
+        auto* index = static_cast<std::array<std::int32_t, 3>*>(
+            rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                    sizeof(std::array<std::int32_t, 3>), triangles.size()));
+        if (vertex == nullptr || index == nullptr) {
+            throw std::bad_alloc();
+        }
+        std::ranges::transform(points.subspan(low, high - low), vertex,
+                               [&](const Vec3d& p) { return (p - centre).as<float>(); });
+        std::ranges::transform(triangles, index, [low](const auto& t) {
+            return std::array{t[0] - low, t[1] - low, t[2] - low};
+        });
+        if (filtered()) {
+            rtcSetGeometryUserData(geometry, this);
+            rtcSetGeometryIntersectFilterFunction(geometry, meet);
+            rtcSetGeometryOccludedFilterFunction(geometry, pass);
+        }
+        rtcCommitGeometry(geometry);
+        rtcAttachGeometry(to, geometry);
+    }
+
+    // About its first point, near which its coordinates are exact.
+    RTCScene copied_tree(std::span<const Vec3d> points, Triangles triangles) {
+        const RTCScene tree = rtcNewScene(device);
+        rtcSetSceneFlags(tree, RTC_SCENE_FLAG_ROBUST);
+        add_triangles(tree, points, triangles, points[triangles[0][0]]);
+        rtcCommitScene(tree);
+        return tree;
+    }
+
+    // centre : of the tree. origin : of the scene.
+    void add_copy(RTCScene tree, const TriangleCopies& copy, const Vec3d& centre,
+                  const Vec3d& origin) {
+        const RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_INSTANCE);
+        const Placement& p = copy.placement;
+        const auto x = p.x.as<float>(), y = p.y.as<float>(), z = p.z.as<float>();
+        const std::array columns{x, y, z, (p(centre) - origin).as<float>()};
+        rtcSetGeometryInstancedScene(geometry, tree);
+        rtcSetGeometryTransform(geometry, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.data());
+        rtcCommitGeometry(geometry);
+        rtcAttachGeometry(scene, geometry);
+        rtcReleaseGeometry(geometry);
+        const float side = copy.mirrored_order() ? -1.0F : 1.0F;
+        parts.push_back({copy.first,
+                         copy.corners,
+                         {cross(y, z) * side, cross(z, x) * side, cross(x, y) * side}});
+    }
 };
 
 RayCaster::RayCaster(RayTargets targets, int threads)
     : embree_(std::make_unique<Embree>()), least_offset_(0.0F) {
-    const auto& [points, triangles, opacity, meshes] = targets;
+    const std::span points = targets.points;
+    const Triangles triangles = targets.triangles;
     embree_->opacity = std::move(targets.opacity);
     embree_->meshes = std::move(targets.meshes);
     Vec3d low{std::numeric_limits<double>::max(), std::numeric_limits<double>::max(),
@@ -214,36 +312,45 @@ RayCaster::RayCaster(RayTargets targets, int threads)
     least_offset_ =
         kRelativeOffset * 0x1p-3F * static_cast<float>(std::max({half.x, half.y, half.z}));
 
-    const RTCGeometry geometry = rtcNewGeometry(embree_->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    const auto free_geometry =
-        std::unique_ptr<RTCGeometryTy, void (*)(RTCGeometry)>(geometry, rtcReleaseGeometry);
-    if (!triangles.empty()) {
-        auto* vertex = static_cast<Vec3f*>(rtcSetNewGeometryBuffer(
-            geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, sizeof(Vec3f), points.size()));
-        auto* index = static_cast<std::array<std::int32_t, 3>*>(
-            rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                                    sizeof(std::array<std::int32_t, 3>), triangles.size()));
-        if (vertex == nullptr || index == nullptr) {
-            throw std::bad_alloc();
+    tbb::task_arena(threads).execute([&] {
+        const auto count = static_cast<std::int32_t>(triangles.size());
+        std::vector<TriangleCopies> placed(targets.copies);
+        std::ranges::sort(placed, {}, &TriangleCopies::source);
+        std::vector<std::array<std::int32_t, 2>> apart; // ranges that have a tree of their own
+        for (auto at = placed.begin(); at != placed.end();) {
+            const std::int32_t source = at->source, size = at->count;
+            const RTCScene tree = embree_->copied_tree(points, triangles.subspan(source, size));
+            const Vec3d& centre = points[triangles[source][0]];
+            embree_->add_copy(tree, {.first = source, .count = size, .source = source}, centre,
+                              origin_);
+            apart.push_back({source, source + size});
+            for (; at != placed.end() && at->source == source; ++at) {
+                embree_->add_copy(tree, *at, centre, origin_);
+                apart.push_back({at->first, at->first + size});
+            }
+            rtcReleaseScene(tree); // its instances keep it
         }
-        std::ranges::transform(points, vertex,
-                               [this](const Vec3d& p) { return (p - origin_).as<float>(); });
-        std::ranges::copy(triangles, index);
-        if (embree_->filtered()) {
-            rtcSetGeometryUserData(geometry, embree_.get());
-            rtcSetGeometryIntersectFilterFunction(geometry, Embree::meet);
-            rtcSetGeometryOccludedFilterFunction(geometry, Embree::pass);
+        std::ranges::sort(apart);
+        apart.push_back({count, count});
+        std::int32_t begin = 0;
+        for (const auto& [end, next] : apart) {
+            if (begin < end) {
+                embree_->add_triangles(embree_->scene, points,
+                                       triangles.subspan(begin, end - begin), origin_);
+                embree_->parts.push_back({begin});
+            }
+            begin = next;
         }
-        rtcCommitGeometry(geometry);
-        rtcAttachGeometry(embree_->scene, geometry);
-    }
-    tbb::task_arena(threads).execute([this] { rtcCommitScene(embree_->scene); });
+        rtcCommitScene(embree_->scene);
+    });
     if (rtcGetDeviceError(embree_->device) != RTC_ERROR_NONE) {
         throw std::runtime_error("Embree could not build the tree");
     }
 }
 
 RayCaster::~RayCaster() = default;
+
+std::int64_t RayCaster::tree_bytes() const { return embree_->bytes; }
 
 Hit RayCaster::closest_hit(const Ray& ray) const {
     RTCRayHit ray_hit{};
@@ -258,11 +365,17 @@ Hit RayCaster::closest_hit(const Ray& ray) const {
     if (ray_hit.hit.geomID == RTC_INVALID_GEOMETRY_ID) {
         return {};
     }
-    return {static_cast<std::int32_t>(ray_hit.hit.primID),
+    Hit out{static_cast<std::int32_t>(ray_hit.hit.primID),
             ray_hit.hit.u,
             ray_hit.hit.v,
             ray_hit.ray.tfar,
             {ray_hit.hit.Ng_x, ray_hit.hit.Ng_y, ray_hit.hit.Ng_z}};
+    if (ray_hit.hit.instID[0] != RTC_INVALID_GEOMETRY_ID) {
+        embree_->parts[ray_hit.hit.instID[0]].place(out);
+    } else {
+        out.triangle += embree_->parts[ray_hit.hit.geomID].first;
+    }
+    return out;
 }
 
 float RayCaster::transmitted(const Ray& ray) const {

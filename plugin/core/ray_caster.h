@@ -13,6 +13,7 @@
 #include <span>
 #include <vector>
 
+#include "core/triangle_copies.h"
 #include "core/vec3.h"
 
 namespace isolux {
@@ -42,6 +43,9 @@ struct RayTargets {
     // in (0, 1]; its mesh.
     std::vector<float> opacity = {};
     std::vector<std::int32_t> meshes = {};
+    // One tree for the triangles of a source and all its copies; no two of them overlap, and no
+    // source is a copy.
+    std::vector<TriangleCopies> copies = {};
 };
 
 class RayCaster {
@@ -57,6 +61,9 @@ class RayCaster {
     // How far off a surface a ray must start: the rounding of a local position p that a ray
     // reached over some distance.
     float offset(const Vec3f& p, float distance) const;
+
+    // Bytes that the tree takes, with the triangles in it.
+    std::int64_t tree_bytes() const;
 
     Hit closest_hit(const Ray& ray) const;
     // Share of the light that passes along the length of the ray's direction.

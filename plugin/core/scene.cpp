@@ -75,14 +75,49 @@ std::vector<std::int32_t> meshes_of(const IlluminationMesh& mesh,
     return out;
 }
 
+// Bytes of the tree a triangle, measured in spheres of 80 to 80,000 triangles, with its points; and
+// about those of a copy's place in the tree of all.
+constexpr std::int64_t kTriangleBytes = 85, kCopyBytes = 950;
+
+// Those copies for which one tree is worth while; none where they save less altogether.
+std::vector<TriangleCopies> shared_copies(const IlluminationMesh& mesh,
+                                          std::span<const std::array<std::int32_t, 3>> triangles,
+                                          std::span<const MeshCopy> copies,
+                                          std::int64_t worth_sharing) {
+    std::vector<TriangleCopies> out;
+    std::int64_t saved = 0;
+    for (const MeshCopy& copy : copies) {
+        const MeshRange &own = mesh.meshes[copy.mesh], &source = mesh.meshes[copy.source];
+        const std::int32_t count = own.element_end - own.element_begin;
+        const std::int64_t bytes = count * kTriangleBytes - kCopyBytes;
+        if (bytes <= 0 || count != source.element_end - source.element_begin) {
+            continue;
+        }
+        const auto matched = match_copies(mesh.positions, triangles, own.element_begin, count,
+                                          source.element_begin, copy.placement);
+        if (matched) {
+            out.push_back(*matched);
+            saved += bytes;
+        }
+    }
+    return saved >= worth_sharing ? out : std::vector<TriangleCopies>{};
+}
+
+RayTargets ray_targets(const IlluminationMesh& mesh, const std::vector<Luminaire>& luminaires,
+                       std::span<const std::array<std::int32_t, 3>> triangles,
+                       std::span<const MeshCopy> copies, std::int64_t worth_sharing) {
+    return {mesh.positions, triangles, opacities_of(mesh), meshes_of(mesh, luminaires),
+            shared_copies(mesh, triangles, copies, worth_sharing)};
+}
+
 } // namespace
 
-Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires, int threads)
+Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires,
+             std::span<const MeshCopy> copies, std::int64_t worth_sharing, int threads)
     : mesh_(std::move(mesh)), luminaires_(aimed(std::move(luminaires), mesh_)), luminous_flux_(0.0),
       coloured_(!std::ranges::all_of(mesh_.surfaces, grey, &Surface::reflectance) ||
                 !std::ranges::all_of(luminaires_, is_grey)),
-      ray_caster_({mesh_.positions, triangles_of(mesh_), opacities_of(mesh_),
-                   meshes_of(mesh_, luminaires_)},
+      ray_caster_(ray_targets(mesh_, luminaires_, triangles_of(mesh_), copies, worth_sharing),
                   threads) {
     for (const auto& luminaire : luminaires_) {
         if (luminaire.links && luminaire.links->lit.size() != mesh_.meshes.size()) {

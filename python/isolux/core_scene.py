@@ -40,11 +40,20 @@ def require_light_and_surface(scene: SceneDescription, subject: str = "stage") -
 
 
 def build_core_scene(
-    scene: SceneDescription, settings: SolverSettings, threads: int
+    scene: SceneDescription,
+    settings: SolverSettings,
+    threads: int,
+    worth_sharing: int = _core.WORTH_SHARING,
 ) -> _core.Scene:
-    """The compiled scene: meshes tessellated, the ray tracing tree built by so many threads."""
+    """The compiled scene: meshes tessellated, the ray tracing tree built by so many threads.
+
+    worth_sharing : bytes; where copies of meshes save as many, they share a tree
+    """
     builder = _core.SceneBuilder(math.radians(settings.crease_angle))
-    for mesh in scene.meshes:
+    numbers = {mesh.path: number for number, mesh in enumerate(scene.meshes)}
+    for number, mesh in enumerate(scene.meshes):
+        copy = mesh.copy_of
+        source = -1 if copy is None else numbers.get(copy.path, -1)
         builder.add_mesh(
             mesh.points,
             mesh.face_vertex_counts,
@@ -55,6 +64,8 @@ def build_core_scene(
             mesh.double_sided,
             mesh.flip_winding,
             mesh.opacity,
+            source if source < number else -1,
+            None if copy is None else np.ascontiguousarray(copy.matrix),
         )
     meshes = {mesh.path: mesh for mesh in scene.meshes}
     links = _LightLinks(scene.meshes)
@@ -64,7 +75,7 @@ def build_core_scene(
         else:
             _add_luminaire(builder, luminaire, links.of(luminaire))
     try:
-        return builder.build(threads)
+        return builder.build(threads, worth_sharing)
     except ValueError as error:
         raise SceneError("stage", str(error), "a luminaire that shines on its meshes") from None
 

@@ -21,6 +21,18 @@ FindingAction = Literal["skipped", "approximated", "repaired", "noted"]
 
 
 @dataclass(frozen=True, slots=True)
+class MeshCopy:
+    """What a mesh is a copy of: an earlier mesh of the scene, with the same faces, moved.
+
+    path : of that mesh, itself no copy
+    matrix : (4, 4) float64, that mesh's points to the copy's, for row vectors: world space, metres
+    """
+
+    path: str
+    matrix: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
 class MeshDescription:
     """One polygon mesh, corners in the order in which its prim authors them.
 
@@ -38,6 +50,7 @@ class MeshDescription:
     emission : (F, 3) or (1, 3) float32, luminance in cd/m² by channel; None: the mesh doesn't shine
     cage : what the results return to where the mesh is the refined limit surface of a control cage,
         which then authored none of its corners; None: the mesh is as authored
+    copy_of : the earlier mesh that this one is in another place; None: none
     """
 
     path: str
@@ -52,6 +65,7 @@ class MeshDescription:
     opacity: NDArray[np.float32] | None = None
     emission: NDArray[np.float32] | None = None
     cage: SubdivisionCage | None = None
+    copy_of: MeshCopy | None = None
 
 
 @dataclass(frozen=True, slots=True)

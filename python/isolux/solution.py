@@ -35,7 +35,11 @@ class ProgressiveStage:
     switchover_time, switchover_photons : T1, s and photons, when direct lighting began; 0 before
     second_switchover_time : T2, s, when direct lighting was complete; 0 before
     absorbed, back_absorbed, escaped : photons that ended at a front, at the back of a one-sided
-        mesh, or outside; their sum is photons
+        mesh, or outside; their sum is photons, but for light links:
+    split_by_links : photons that became two, at a mesh that their luminaire lights and that casts
+        none of its shadow: one stayed, one went on
+    absorbed_by_links : photons that ended at a mesh that stands in the light of a luminaire that
+        doesn't light it; the sum of all four ends is photons + split_by_links
     """
 
     index: int
@@ -57,6 +61,8 @@ class ProgressiveStage:
     absorbed: int
     back_absorbed: int
     escaped: int
+    split_by_links: int = 0
+    absorbed_by_links: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -374,6 +374,8 @@ class ProgressiveSolver:
             absorbed=ends["absorbed"],
             back_absorbed=ends["back_absorbed"],
             escaped=ends["escaped"],
+            split_by_links=ends["split"],
+            absorbed_by_links=ends["unlit"],
         )
         return Solution(
             stage=stage,

@@ -191,3 +191,7 @@ def test_every_method_honours_links(method):
     for mesh in MESHES:
         layout = last.layouts[mesh.path]
         assert direct[layout.front].any() == (mesh.path == TABLE)
+    stage = last.stage
+    ends = stage.absorbed + stage.back_absorbed + stage.escaped + stage.absorbed_by_links
+    assert ends == stage.photons + stage.split_by_links
+    assert (stage.absorbed_by_links > 0) == (stage.photons > 0)

@@ -116,6 +116,14 @@ def test_triangles_that_are_no_copies_are_refused():
         RayCaster(points, both, copies=copies)
 
 
+def test_copies_that_are_pressed_flat_keep_their_own_tree():
+    flat = placed(np.diag([1.0, 1, 0]), (3, 0, 0))
+    points = np.concatenate([SPHERE.points, SPHERE.points @ flat[:3, :3] + flat[3, :3]])
+    both = np.concatenate([TRIANGLES, TRIANGLES + len(SPHERE.points)]).astype(np.int32)
+    with pytest.raises(ValueError, match="no copies"):
+        RayCaster(points, both, copies=[(len(TRIANGLES), len(TRIANGLES), 0, flat)])
+
+
 def room_of_copies():
     """A room with a veil and four bowls, three of them copies of the first."""
     bowl = surface(box((0.4, 0.4, 0.4), 0.1, 0.1).moved(-0.5, -0.5, -0.7), 0.7, path="/Bowl")

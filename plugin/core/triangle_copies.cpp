@@ -9,6 +9,9 @@ namespace {
 // Of the size of a coordinate: half a unit in the last place of a float.
 constexpr double kSamePlace = 0x1p-24;
 
+// Of the cube over the longest axis: rays are turned back to the source in floats.
+constexpr double kLeastVolume = 1e-3;
+
 constexpr std::array<std::array<std::uint8_t, 3>, 6> kOrders{
     {{0, 1, 2}, {0, 2, 1}, {1, 2, 0}, {2, 1, 0}, {2, 0, 1}, {1, 0, 2}}};
 
@@ -33,7 +36,10 @@ std::optional<TriangleCopies> match_copies(std::span<const Vec3d> points,
         }
         return true;
     };
-    if (count == 0) {
+    const double longest =
+        std::max({length(placement.x), length(placement.y), length(placement.z)});
+    const double volume = std::abs(dot(placement.x, cross(placement.y, placement.z)));
+    if (count == 0 || volume < kLeastVolume * longest * longest * longest) {
         return std::nullopt;
     }
     const auto order = std::ranges::find_if(kOrders, [&](const auto& o) { return matches(0, o); });

@@ -22,7 +22,7 @@ struct TriangleCopies {
     bool mirrored_order() const { return (corners[0] + 1) % 3 != corners[1]; }
 };
 
-// None where the triangles are not all the same to the rounding of a float ray.
+// None where the triangles are not all the same to the rounding of a float ray, or all but flat.
 std::optional<TriangleCopies> match_copies(std::span<const Vec3d> points,
                                            std::span<const std::array<std::int32_t, 3>> triangles,
                                            std::int32_t first, std::int32_t count,

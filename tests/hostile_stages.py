@@ -271,6 +271,20 @@ def arcs() -> dict[str, Hostile]:
             ),
             SKIPPED,
         ),
+        **{
+            f"a reference to {kind} of noise": Hostile(
+                room(
+                    f'    def "Odd" ( references = @./child{suffix}@ ) {{ }}\n',
+                    **{f"child_{suffix}".replace("_.", "__"): start + bytes(range(256)) * 4},
+                ),
+                SKIPPED,
+            )
+            for kind, suffix, start in (
+                ("a crate", ".usdc", b"PXR-USDC\x00\x0d\x00\x00"),
+                ("a package", ".usdz", b"PK\x03\x04"),
+                ("text", ".usda", b"#usda 1.0\n"),
+            )
+        },
         "a missing sublayer": Hostile(
             room(header=HEADER.replace("(\n", "(\n    subLayers = [@./nobody.usda@]\n", 1)),
             (("/", "skipped"),),

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Usd
+from pxr import Sdf, Usd
 from typer.testing import CliRunner
 
 from hostile_stages import CASES
-from isolux.cli import app
+from isolux.cli import ExitCode, app
 from isolux.stage_reader import read_stage
 
 SECONDS = 30  # what no stage of a few prims may take, however slow the machine
@@ -55,6 +55,18 @@ def test_no_stage_gets_past_its_message(tmp_path: Path, bounded_time, name: str)
     findings = {(finding.path, finding.action) for finding in read_stage(source).findings}
     assert set(case.findings) <= findings
     assert np.isfinite(all_values(output)).all()
+
+
+@pytest.mark.parametrize("share", [0.02, 0.2, 0.4, 0.6, 0.8, 0.99])
+def test_a_crate_cut_short_is_refused(tmp_path: Path, share: float) -> None:
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    assert layer.ImportFromString(CASES["100 meshes"].files["stage.usda"])
+    whole, cut = tmp_path / "whole.usdc", tmp_path / "cut.usdc"
+    assert layer.Export(str(whole))
+    cut.write_bytes(whole.read_bytes()[: int(share * whole.stat().st_size)])
+    result = CliRunner().invoke(app, ["check", str(cut)])
+    assert result.exit_code == ExitCode.STAGE
+    assert "cut.usdc" in result.stderr.splitlines()[-1]
 
 
 def all_values(results: Path) -> np.ndarray:

@@ -89,7 +89,8 @@ def measure_run(small: str, path: str, photons: int, threads: int) -> Figures:
     from isolux.results import ResultsWriter
     from isolux.settings import SolverSettings
     from isolux.solver import ProgressiveSolver
-    from isolux.stage_reader import open_stage, read_stage
+    from isolux.stage_opening import open_stage
+    from isolux.stage_reader import read_stage
 
     read_stage(small)
     start = resident()

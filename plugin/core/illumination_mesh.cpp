@@ -222,7 +222,9 @@ void IlluminationMesh::add(const SurfaceMesh& mesh, double crease_angle) {
     const Triangulation triangles = triangulate(mesh);
     range.element_begin = static_cast<std::int32_t>(elements.size());
     range.element_end = range.element_begin + static_cast<std::int32_t>(triangles.faces.size());
-    elements.reserve(elements.size() + triangles.corners.size());
+    if (elements.empty()) { // else room for each of many meshes would be a copy for each
+        elements.reserve(triangles.corners.size());
+    }
     for (std::size_t t = 0; t < triangles.corners.size(); ++t) {
         MeshElement element{{}, surface_of_face[triangles.faces[t]]};
         for (std::size_t k = 0; k < 3; ++k) {

@@ -6,11 +6,12 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Ar, Sdf, Tf, Usd, UsdGeom
+from pxr import Ar, Gf, Sdf, Tf, Usd, UsdGeom
 
 from .attribute_values import is_like
 from .errors import SceneError
@@ -30,6 +31,34 @@ LEAST_UNIT = 1e-12
 NO_TRANSFORM = "its transform is singular, not finite or not readable"
 
 
+def singular(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(N,) bool of (N, 4, 4) transforms for row vectors: flat, not affine or not finite."""
+    finite = np.isfinite(matrices).all(axis=(1, 2))
+    finite &= (matrices[:, :, 3] == (0, 0, 0, 1)).all(axis=1)
+    scales = np.zeros((len(matrices), 3))
+    scales[finite] = np.linalg.svd(matrices[finite, :3, :3], compute_uv=False)
+    return ~(scales[:, -1] > SINGULAR_SCALE * scales[:, 0])
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Where the prims below a prototype are drawn, in place of where they lie.
+
+    parent : of the prototype; None: the stage
+    matrix : (4, 4) float64, its space to the world, for row vectors, stage units
+    source, path : of the prototype, and of its copy in the results
+    """
+
+    parent: Usd.Prim | None
+    matrix: NDArray[np.float64]
+    source: str
+    path: str
+
+    def moved(self, matrix: NDArray[np.float64]) -> Frame:
+        """The same, and then moved in the world."""
+        return replace(self, matrix=self.matrix @ matrix)
+
+
 class ReadingContext:
     """One reading of one stage.
 
@@ -40,6 +69,7 @@ class ReadingContext:
     selection : which prims are rendered
     skinning : poses skinned meshes
     findings : grows while the stage is read
+    frame : where the prims that are read are drawn; None: where they lie
     """
 
     def __init__(self, stage: Usd.Stage, time_code: float | None, settings: SolverSettings) -> None:
@@ -59,6 +89,7 @@ class ReadingContext:
         self._noted: dict[tuple[str, FindingAction], set[Sdf.Path]] = {}
         self.selection = PrimSelection(stage, self)
         self.skinning = Skinning(self)
+        self.frame: Frame | None = None
         self._transforms = UsdGeom.XformCache(self.time)
         self._broken: list[Sdf.Path] = []
         self._still: set[Sdf.Path] = set()
@@ -108,6 +139,10 @@ class ReadingContext:
             return None
         try:
             transform = self._transforms.GetLocalToWorldTransform(prim)
+            if self.frame is not None:
+                parent = self.frame.parent or prim.GetStage().GetPseudoRoot()
+                relative, _ = self._transforms.ComputeRelativeTransform(prim, parent)
+                transform = relative * Gf.Matrix4d(self.frame.matrix)
         except Tf.ErrorException:
             # USD raises once, and takes the prims below as untransformed from then on.
             self._broken.append(_unreadable_transform(prim, self.time))

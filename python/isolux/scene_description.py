@@ -50,7 +50,10 @@ class MeshDescription:
     emission : (F, 3) or (1, 3) float32, luminance in cd/m² by channel; None: the mesh doesn't shine
     cage : what the results return to where the mesh is the refined limit surface of a control cage,
         which then authored none of its corners; None: the mesh is as authored
-    copy_of : the earlier mesh that this one is in another place; None: none
+    source_path : prim path on the source stage, where that is another than in the results: the mesh
+        is a point instancer's prototype or part of one; "": path
+    copy_of : the earlier mesh that this one is in another place; its arrays are shared but for
+        points and corner_normals; None: none
     """
 
     path: str
@@ -65,6 +68,7 @@ class MeshDescription:
     opacity: NDArray[np.float32] | None = None
     emission: NDArray[np.float32] | None = None
     cage: SubdivisionCage | None = None
+    source_path: str = ""
     copy_of: MeshCopy | None = None
 
 
@@ -127,6 +131,46 @@ class LuminaireDescription:
 
 
 @dataclass(frozen=True, slots=True)
+class PointCopies:
+    """What a point instancer draws.
+
+    name : of a copy in the results, without its number
+    count : of the instancer's instances, drawn or not
+    numbers : (N,) int64, places of the drawn ones in the instancer's arrays, rising
+    prototype : (N,) int64, which of the prototypes each is
+    matrices : (N, 4, 4) float64, for row vectors, stage units, in the instancer's space; the
+        prototype's own transform comes before
+    children : (name, whether its visibility means something) of each child of the instancer
+    """
+
+    name: str
+    count: int
+    numbers: NDArray[np.int64]
+    prototype: NDArray[np.int64]
+    matrices: NDArray[np.float64]
+    children: tuple[tuple[str, bool], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class InstancedPrim:
+    """A scenegraph instance or a point instancer.
+
+    path : where it is in the results once nothing around it is instanced any more
+    source_path : on the source stage, the path of a proxy below another instance
+    copies : of a point instancer; None: a scenegraph instance
+    prototypes : of a point instancer, their paths on the source stage
+    mesh_ranges : (N + 1,) int64, N copies or one instance: mesh k of the scene belongs to copy i
+        where mesh_ranges[i] <= k < mesh_ranges[i + 1]; None for one that lies inside another
+    """
+
+    path: str
+    source_path: str
+    copies: PointCopies | None = None
+    prototypes: tuple[str, ...] = ()
+    mesh_ranges: NDArray[np.int64] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Finding:
     """Something on the stage that was not taken as it stands.
 
@@ -152,6 +196,7 @@ class SceneDescription:
     time_code : the time at which attributes were read; None: the default time
     source_hash : sha256 of the used layers' contents, hex
     prim_counts : by type of prim and by "read" or the action of its findings, how many prims
+    instanced : outer ones before those inside them
     """
 
     meshes: tuple[MeshDescription, ...]
@@ -163,6 +208,7 @@ class SceneDescription:
     source_hash: str = ""
     read_seconds: float = field(default=0.0, compare=False)
     prim_counts: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    instanced: tuple[InstancedPrim, ...] = ()
 
     @property
     def luminous_flux(self) -> float:

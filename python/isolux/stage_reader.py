@@ -9,18 +9,25 @@ import hashlib
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 from pxr import Ar, Sdf, Usd, UsdGeom, UsdLux, UsdUtils
 
 from .errors import SceneError
 from .gprim_reader import read_gprim
+from .instancing import InstanceWalk
 from .light_reader import read_light
 from .materials import MaterialReader
 from .mesh_reader import read_mesh
 from .old_lights import note_old_inputs
 from .reading_context import ReadingContext
-from .scene_description import LuminaireDescription, MeshDescription, SceneDescription
+from .scene_description import (
+    InstancedPrim,
+    LuminaireDescription,
+    MeshDescription,
+    SceneDescription,
+)
 from .settings import SolverSettings, settings_from_stage
 from .stage_opening import AS_IT_STANDS, StageOpening, open_noisily
 from .unreadable_prims import is_in_reach, skipped_where_unreadable
@@ -76,7 +83,7 @@ def read_source(
         hashing = _hash_beside(opened.GetUsedLayers())
         _note_composition_errors(opened, context)
         _note_parts_left_out(opened, context)
-        meshes, luminaires = _read_prims(opened, context)
+        meshes, luminaires, instanced = _read_prims(opened, context)
         _note_diagnostics(diagnostics, context)
         scene = SceneDescription(
             meshes=tuple(meshes),
@@ -88,6 +95,7 @@ def read_source(
             source_hash=hashing.result(),
             read_seconds=time.perf_counter() - started,
             prim_counts=context.prim_counts(),
+            instanced=tuple(instanced),
         )
         return opened, scene, settings
     finally:
@@ -106,23 +114,22 @@ def _require_no_results(stage: Usd.Stage) -> None:
 
 def _read_prims(
     stage: Usd.Stage, context: ReadingContext
-) -> tuple[list[MeshDescription], list[LuminaireDescription]]:
+) -> tuple[list[MeshDescription], list[LuminaireDescription], list[InstancedPrim]]:
     meshes: list[MeshDescription] = []
     luminaires: list[LuminaireDescription] = []
     materials = MaterialReader(context)
-    inside_prototypes: dict[Sdf.Path, str] = {}
-    prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), DEFINED_PRIMS))
-    for prim in prims:
-        if _skip_subtree(prim, context, inside_prototypes):
-            prims.PruneChildren()
-            continue
+    walk = InstanceWalk(context, meshes, lambda prim: _skip_subtree(prim, context))
+    for placed in walk.prims(stage, DEFINED_PRIMS):
+        prim = placed.prim
         if prim.HasAPI(UsdLux.LightAPI):
             note_old_inputs(prim, context)
             with skipped_where_unreadable(prim, context):
                 luminaire = read_light(prim, context)
                 if luminaire and is_in_reach(luminaire, prim, context):
-                    luminaires.append(luminaire)
+                    luminaires.append(replace(luminaire, path=placed.path))
                     context.count_read(prim)
+        if placed.again:
+            continue
         if prim.GetTypeName() and not prim.IsA(Usd.Typed):
             reason = "a type of prim that this USD does not know"
             context.note(prim, str(prim.GetTypeName()), "skipped", reason)
@@ -132,18 +139,13 @@ def _read_prims(
         with skipped_where_unreadable(prim, context):
             mesh = read_shape(prim, context, materials)
             if mesh:
-                meshes.append(mesh)
+                meshes.append(placed.mesh(mesh))
                 context.count_read(prim)
-    return meshes, luminaires
+    return meshes, luminaires, walk.instanced
 
 
-def _skip_subtree(
-    prim: Usd.Prim, context: ReadingContext, inside_prototypes: dict[Sdf.Path, str]
-) -> bool:
-    """Whether nothing at or below a prim is read; the reason becomes a finding.
-
-    inside_prototypes : what each prototype met so far holds, to count it once
-    """
+def _skip_subtree(prim: Usd.Prim, context: ReadingContext) -> bool:
+    """Whether nothing at or below a prim is read; the reason becomes a finding."""
     if not prim.IsLoaded():
         context.note(prim, "payload", "skipped", "its payload is not loaded")
         return True
@@ -157,22 +159,6 @@ def _skip_subtree(
             context.note_changing_visibility(prim)
         return True
     context.note_changing_visibility(prim)
-    if prim.IsInstance():
-        prototype = prim.GetPrototype().GetPath()
-        if prototype not in inside_prototypes:
-            inside_prototypes[prototype] = _contents(prim)
-        if inside_prototypes[prototype]:
-            reason = f"instances are not read yet: {inside_prototypes[prototype]}"
-            context.note(prim, "instance", "skipped", reason)
-        return True
-    if prim.IsA(UsdGeom.PointInstancer):
-        instancer = UsdGeom.PointInstancer(prim)
-        indices = instancer.GetProtoIndicesAttr().Get(context.time)
-        prototypes = instancer.GetPrototypesRel().GetTargets()
-        counts = f"{len(indices or ())} placed, {len(prototypes)} to choose from"
-        reason = f"point instancers are not read yet: {counts}"
-        context.note(prim, "PointInstancer", "skipped", reason)
-        return True
     return False
 
 

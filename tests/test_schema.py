@@ -33,6 +33,7 @@ class Row(NamedTuple):
 
 METHODS = ("auto", "composite", "dept", "ddl+idept", "ddl+hpr")
 OUTPUT_MODES = ("vertex", "refined")
+INSTANCES = ("expand", "summary")
 ATTRIBUTES = [
     Row(LUMINAIRE_API, "inputs:isolux:file", "asset", Sdf.AssetPath(), Sdf.AssetPath("a.ies")),
     Row(LUMINAIRE_API, "inputs:isolux:gammaAngles", "float[]", [], [0, 45, 90]),
@@ -45,6 +46,7 @@ ATTRIBUTES = [
     ),
     Row(SOLVER_API, "isolux:method", "token", "auto", "ddl+hpr", tokens=METHODS),
     Row(SOLVER_API, "isolux:outputMode", "token", "vertex", "refined", tokens=OUTPUT_MODES),
+    Row(SOLVER_API, "isolux:instances", "token", "expand", "summary", tokens=INSTANCES),
     Row(SOLVER_API, "isolux:subdivisionThreshold", "double", 0.05, 0.02, (0.001, 1)),
     Row(SOLVER_API, "isolux:subdivisionIterations", "int", 3, 5, (0, 8)),
     Row(SOLVER_API, "isolux:targetError", "double", 0.05, 0.01, (0, 1)),

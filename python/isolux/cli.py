@@ -173,6 +173,14 @@ def solve(
             metavar="MODE", help="vertex: meshes as they are; refined: with the adaptive mesh."
         ),
     ] = None,
+    instances: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOW",
+            help="expand: a prim of each instance, with its own primvars; "
+            "summary: instances stay, one value each.",
+        ),
+    ] = None,
     photons: Annotated[
         int | None, typer.Option(metavar="N", help="Stop at so many photons.")
     ] = None,
@@ -241,6 +249,7 @@ def solve(
     options = {
         "method": method,
         "output_mode": output_mode,
+        "instances": instances,
         "photons": photons,
         "time_budget": time_budget,
         "target_error": target_error,

@@ -48,6 +48,7 @@ _Types = Sdf.ValueTypeNames
 def write_refined_mesh(
     layer: Sdf.Layer,
     prim: Usd.Prim,
+    path: str,
     time: Usd.TimeCode,
     topology: RefinedTopology | RefinedCageTopology,
     solved: LocalShape | None = None,
@@ -57,6 +58,7 @@ def write_refined_mesh(
 
     layer : the results layer
     prim : the mesh on the source stage
+    path : where it is in the results
     time : at which the source was read
     solved : the faces that the solver saw, where the prim's own normals don't hold for them: in
         the pose of a skeleton, to which the refined mesh is not bound, or on a limit surface
@@ -65,7 +67,7 @@ def write_refined_mesh(
     """
     diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # findings say it, not stderr
     try:
-        return _RefinedPrim(layer, prim, time, topology, solved, is_posed).write()
+        return _RefinedPrim(layer, prim, path, time, topology, solved, is_posed).write()
     finally:
         diagnostics.TakeUncoalescedDiagnostics()
 
@@ -75,12 +77,13 @@ class _RefinedPrim:
         self,
         layer: Sdf.Layer,
         prim: Usd.Prim,
+        path: str,
         time: Usd.TimeCode,
         topology: RefinedTopology | RefinedCageTopology,
         solved: LocalShape | None,
         is_posed: bool,
     ) -> None:
-        self._spec = Sdf.CreatePrimInLayer(layer, prim.GetPath())
+        self._spec = Sdf.CreatePrimInLayer(layer, path)
         self._prim = prim
         self._mesh = UsdGeom.Mesh(prim)
         self._time = time
@@ -209,7 +212,8 @@ class _RefinedPrim:
         authored = subset.GetIndicesAttr().Get(self._time)
         if authored is None:
             return
-        spec = Sdf.CreatePrimInLayer(self._spec.layer, subset.GetPath())
+        path = subset.GetPath().ReplacePrefix(self._prim.GetPath(), self._spec.path)
+        spec = Sdf.CreatePrimInLayer(self._spec.layer, path)
         interpolation = {"face": "uniform", "point": "vertex"}.get(element_type)
         indices = np.zeros(0, np.int32)
         if interpolation:

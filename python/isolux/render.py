@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from .baked_prims import BakedPrims
 from .cage_results import cage_corner_values, cage_face_means
 from .camera import Camera, framing_candidates, stage_camera
 from .core_scene import mesh_triangles
@@ -30,6 +31,8 @@ BACK_PRIMVAR = "isolux:backIlluminance"
 
 # Rays at a time: bounds the memory, some 50 MB.
 _RAYS_AT_ONCE = 1 << 18
+
+_WANTED = "a results stage; run `isolux solve` first"
 
 # Steps between the samples of a pixel: with 1 / n the other way, even for any number n of them.
 _GOLDEN_RATIO = (np.sqrt(5) - 1) / 2
@@ -77,9 +80,10 @@ def render_picture(
         if value < 1:
             raise SettingsError(name, str(value), "at least 1")
     scene = _refined_scene(stage, _read_solved_scene(stage, time))
-    last = _last_time(stage, scene)
+    baked = BakedPrims(stage, scene)
+    last = _last_time(baked, scene)
     time = last if time is None else time
-    surfaces = VisibleSurfaces(_surfaces(stage, scene, time))
+    surfaces = VisibleSurfaces(_surfaces(baked, scene, time))
     seen_by = stage_camera(stage, camera, scene.time_code)
     if seen_by is None:
         seen_by = frame_interior(surfaces, scene.up_axis)
@@ -167,8 +171,8 @@ def _refined_scene(stage: Usd.Stage, scene: SceneDescription) -> SceneDescriptio
     meshes = []
     for mesh in scene.meshes:
         prim = stage.GetPrimAtPath(mesh.path)
-        parents = UsdGeom.PrimvarsAPI(prim).GetPrimvar(SOURCE_FACE)
-        if parents.HasAuthoredValue():
+        parents = UsdGeom.PrimvarsAPI(prim).GetPrimvar(SOURCE_FACE) if prim else None
+        if parents and parents.HasAuthoredValue():
             to_world = np.array(transforms.GetLocalToWorldTransform(prim)) * scene.meters_per_unit
             mesh = _refined_mesh(mesh, UsdGeom.Mesh(prim), np.array(parents.Get()), to_world)
         meshes.append(mesh)
@@ -212,14 +216,14 @@ def _refined_mesh(
     )
 
 
-def _surfaces(stage: Usd.Stage, scene: SceneDescription, time: float | None) -> list[Surface]:
+def _surfaces(baked: BakedPrims, scene: SceneDescription, time: float | None) -> list[Surface]:
     when = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
-    lit = [_lit_mesh(stage.GetPrimAtPath(mesh.path), mesh, when) for mesh in scene.meshes]
+    lit = [_lit_mesh(baked, mesh, when) for mesh in scene.meshes]
     lamps = [_lamp(luminaire) for luminaire in scene.luminaires]
     return lit + [lamp for lamp in lamps if len(lamp.triangles)]
 
 
-def _lit_mesh(prim: Usd.Prim, mesh: MeshDescription, when: Usd.TimeCode) -> Surface:
+def _lit_mesh(baked: BakedPrims, mesh: MeshDescription, when: Usd.TimeCode) -> Surface:
     corners, faces = mesh_triangles(mesh)
     reflectance = np.broadcast_to(mesh.reflectance, (len(mesh.face_vertex_counts), 3))[faces]
 
@@ -228,7 +232,7 @@ def _lit_mesh(prim: Usd.Prim, mesh: MeshDescription, when: Usd.TimeCode) -> Surf
         own = np.broadcast_to(mesh.emission, (len(mesh.face_vertex_counts), 3))[faces][:, None, :]
 
     def luminance(primvar: str) -> NDArray[np.float32]:
-        illuminance = _corner_illuminance(prim, primvar, mesh, when)
+        illuminance = _corner_illuminance(baked, primvar, mesh, when)
         return own + reflectance[:, None, :] * illuminance[corners] / np.float32(np.pi)
 
     return Surface(
@@ -248,41 +252,37 @@ def _lamp(luminaire: LuminaireDescription) -> Surface:
 
 
 def _corner_illuminance(
-    prim: Usd.Prim, name: str, mesh: MeshDescription, when: Usd.TimeCode
+    baked: BakedPrims, name: str, mesh: MeshDescription, when: Usd.TimeCode
 ) -> NDArray[np.float32]:
     """(C, 3) float32, lx by channel, at the mesh's face corners."""
-    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar(name)
-    baked = primvar.ComputeFlattened(when) if primvar else None
-    if baked is None:
+    found = baked.values(mesh.path, name, when)
+    if found is None:
         raise SceneError(mesh.path, f"no primvar {name}", "one; run `isolux solve` again")
-    values = np.asarray(baked, np.float32).reshape(-1, 3)
+    values, interpolation = found
     topology = MeshTopology(mesh.face_vertex_counts, mesh.face_vertex_indices, len(mesh.points))
-    if mesh.cage is not None:
+    on_cage = mesh.cage is not None and interpolation != "constant"
+    if mesh.cage is not None and on_cage:
         topology = mesh.cage.topology
-    interpolation = str(primvar.GetInterpolation())
     if not topology.has_values(values, interpolation):
         raise SceneError(
             mesh.path,
             f"{len(values)} {interpolation} values of {name}",
             f"{topology.value_count(interpolation)}; the mesh has changed since `isolux solve`",
         )
-    if mesh.cage is None:
+    if mesh.cage is None or not on_cage:
         return topology.to_corners(values, interpolation)
-    indices = np.asarray(primvar.GetIndices(when), np.int32) if primvar.IsIndexed() else None
-    if interpolation == "faceVarying" and indices is not None:
-        values = np.asarray(primvar.Get(when), np.float32).reshape(-1, 3)
+    indices = None
+    if interpolation == "faceVarying":
+        values, indices = baked.indexed(mesh.path, name, when)
     return cage_corner_values(mesh.cage, values, interpolation, indices)
 
 
-def _last_time(stage: Usd.Stage, scene: SceneDescription) -> float | None:
+def _last_time(baked: BakedPrims, scene: SceneDescription) -> float | None:
     """Time code of the last progressive stage; None where the illuminance has no time samples."""
-    attributes = [
-        stage.GetPrimAtPath(mesh.path).GetAttribute(f"primvars:{FRONT_PRIMVAR}")
-        for mesh in scene.meshes
-    ]
-    baked = [attribute for attribute in attributes if attribute and attribute.HasValue()]
-    if not baked:
-        name = stage.GetRootLayer().identifier
-        raise SceneError(name, "no baked illuminance", "a results stage; run `isolux solve` first")
-    times = [attribute.GetTimeSamples() for attribute in baked]
+    prims = {prim.GetPath(): prim for prim in (baked.prim(m.path) for m in scene.meshes) if prim}
+    attributes = [prim.GetAttribute(f"primvars:{FRONT_PRIMVAR}") for prim in prims.values()]
+    lit = [attribute for attribute in attributes if attribute and attribute.HasValue()]
+    if not lit:
+        raise SceneError(baked.name, "no baked illuminance", _WANTED)
+    times = [attribute.GetTimeSamples() for attribute in lit]
     return max((samples[-1] for samples in times if samples), default=None)

@@ -29,12 +29,17 @@ from .atomic_file import replace_atomically
 from .cage_results import CageOutput
 from .display_view import DisplayView
 from .errors import SceneError
+from .instanced_results import (
+    InstanceSummary,
+    instance_of_meshes,
+    instances_finding,
+    write_expanded,
+)
 from .output_fields import (
     OUTPUT_FIELDS,
     MeshCorners,
     MeshOutput,
     OutputField,
-    PrimvarLayout,
     VertexIlluminance,
     surface_look,
 )
@@ -44,7 +49,7 @@ from .refined_topology import RefinedTopology, refined_topologies, unsplit_mesh
 from .results_meshes import local_shape, stage_of_mesh, write_as_mesh
 from .scene_description import Finding, MeshDescription, SceneDescription
 from .schedule import steps_record
-from .settings import OutputMode
+from .settings import Instances, OutputMode
 from .solution import MeshLayout, ProgressiveStage, RefinedMesh, Solution
 from .stage_opening import variant_selections
 
@@ -102,6 +107,7 @@ class ResultsWriter:
     display : the view that displayColor is made for
     output_mode : refined: subdivision surfaces are written as polygons of their limit surface from
         the first stage on, whether or not a solution comes with an adaptive mesh
+    instances : whether each gets prims of its own, or a value of each primvar
     raises : SceneError where the output is a layer of the source, no USD file or not writable
     """
 
@@ -113,6 +119,7 @@ class ResultsWriter:
         provenance: Mapping[str, Any],
         display: DisplayView | None = None,
         output_mode: OutputMode = "vertex",
+        instances: Instances = "expand",
     ) -> None:
         self._display = display or DisplayView()
         stage = source if isinstance(source, Usd.Stage) else Usd.Stage.Open(str(source))
@@ -137,6 +144,11 @@ class ResultsWriter:
         }
         read_at = scene.time_code
         self._time = Usd.TimeCode.EarliestTime() if read_at is None else Usd.TimeCode(read_at)
+        self._instances = instances
+        self._meshes_written = scene.meshes
+        self._summary: InstanceSummary | None = None
+        self._instance_findings: list[Finding] = []
+        self._begun = False
         self._stages: list[VertexIlluminance] = []
         self._meshes: dict[str, MeshOutput | CageOutput] = {}
         self._refined: RefinedMesh | None = None
@@ -156,7 +168,8 @@ class ResultsWriter:
         outputs = (self._meshes.get(path) for path in sorted(self._cages))
         cages = (output.finding() for output in outputs if isinstance(output, CageOutput))
         return (
-            self._shape_findings
+            self._instance_findings
+            + self._shape_findings
             + self._refined_findings
             + [finding for finding in cages if finding]
         )
@@ -192,8 +205,11 @@ class ResultsWriter:
         if self._as_polygons and self._cages and solution.refined is self._refined is None:
             unsplit = unsplit_mesh(self._scene.meshes, solution.layouts)
             solution = replace(solution, refined=unsplit)
-        if not self._meshes:
-            for mesh in self._scene.meshes:
+        if not self._begun:
+            self._begun = True
+            if self._scene.instanced:
+                self._begin_instances(solution)
+            for mesh in self._meshes_written:
                 layout = solution.layout(mesh.path)
                 if mesh.cage is not None:
                     if self._as_polygons:
@@ -223,6 +239,7 @@ class ResultsWriter:
             self._stages.append(stage)
             for output in self._meshes.values():
                 self._write_primvars(output, stage)
+            self._write_summary(stage)
             self._write_report(solution)
 
     def write_flattened_source(self) -> None:
@@ -230,6 +247,26 @@ class ResultsWriter:
         if self._flattened:
             export_layer(self._flattened, self._flattened_file)
             self._flattened = None
+
+    def _begin_instances(self, solution: Solution) -> None:
+        """Make prims of the instances, or leave out their meshes; say what that costs."""
+        instanced = instance_of_meshes(self._scene)
+        if self._instances == "summary":
+            self._summary = InstanceSummary(self._scene, solution.layouts, solution.vertex_areas)
+            self._meshes_written = tuple(
+                mesh for mesh in self._scene.meshes if mesh.path not in instanced
+            )
+        else:
+            with Sdf.ChangeBlock():
+                write_expanded(self._layer, self._stage, self._scene.instanced)
+        self._instance_findings.append(instances_finding(self._scene, solution, self._instances))
+
+    def _write_summary(self, stage: VertexIlluminance) -> None:
+        if self._summary is None:
+            return
+        for item, field, values in self._summary.primvars(stage):
+            interpolation = "constant" if item.copies is None else "vertex"
+            self._write_values(item.path, field, interpolation, None, values, stage.time_code)
 
     def _check_output(self, stage: Usd.Stage) -> None:
         if self._output.suffix not in (".usda", ".usd", ".usdc"):
@@ -309,17 +346,17 @@ class ResultsWriter:
         known = None if self._refined is None else refined.common_vertices(self._refined)
         self._refined = refined
         topologies = refined_topologies(
-            self._scene.meshes, layouts, refined, also=self._refined_paths | self._cages
+            self._meshes_written, layouts, refined, also=self._refined_paths | self._cages
         )
         borrowers = self._borrowers(topologies)
         if borrowers:
             topologies = refined_topologies(
-                self._scene.meshes, layouts, refined, also={*topologies, *borrowers}
+                self._meshes_written, layouts, refined, also={*topologies, *borrowers}
             )
         self._refined_paths = set(topologies)
         self._stages = [stage.on(refined, known) for stage in self._stages]
         self._refined_findings = []
-        for mesh in self._scene.meshes:
+        for mesh in self._meshes_written:
             if mesh.path in topologies:
                 self._write_refined_mesh(mesh, topologies[mesh.path])
                 corners = MeshCorners.of_refined(topologies[mesh.path])
@@ -335,10 +372,13 @@ class ResultsWriter:
         """
         return {
             mesh.path
-            for mesh in self._scene.meshes
+            for mesh in self._meshes_written
             if mesh.path not in refined
-            and any(path in refined for path in _sites(self._stage.GetPrimAtPath(mesh.path)))
+            and any(path in refined for path in _sites(self._source_prim(mesh)))
         }
+
+    def _source_prim(self, mesh: MeshDescription) -> Usd.Prim:
+        return self._stage.GetPrimAtPath(mesh.source_path or mesh.path)
 
     def _write_refined_mesh(self, mesh: MeshDescription, topology: RefinedTopology) -> None:
         """Replace the mesh's faces, and the primvars that were written for the former ones."""
@@ -347,54 +387,59 @@ class ResultsWriter:
             for name in (f"primvars:{field.name}", f"primvars:{field.name}:indices"):
                 if prim and name in prim.attributes:
                     prim.RemoveProperty(prim.attributes[name])
-        source = self._stage.GetPrimAtPath(mesh.path)
+        source = self._source_prim(mesh)
         if not source.IsA(UsdGeom.Mesh):
             alone = stage_of_mesh(source, self._time, mesh)
             source = alone.GetPrimAtPath(mesh.path)
-        is_posed = mesh.path in self._posed
+        is_posed = (mesh.source_path or mesh.path) in self._posed
         own_normals = mesh.cage is None and not is_posed
         solved = None if own_normals else local_shape(source, self._time, mesh)
         shown = topology if mesh.cage is None else RefinedCageTopology(topology, mesh.cage)
         self._refined_findings += write_refined_mesh(
-            self._layer, source, self._time, shown, solved, is_posed
+            self._layer, source, mesh.path, self._time, shown, solved, is_posed
         )
 
     def _write_shape(self, mesh: MeshDescription) -> None:
         """Where the source has a shape and no mesh, make it one."""
-        prim = self._stage.GetPrimAtPath(mesh.path)
+        prim = self._source_prim(mesh)
         if prim and not prim.IsA(UsdGeom.Mesh):
             self._shape_findings += write_as_mesh(self._layer, prim, self._time, mesh)
 
     def _write_primvars(self, output: MeshOutput | CageOutput, stage: VertexIlluminance) -> None:
         for field, layout, values in output.primvars(stage):
             if values is not None:
-                self._write_primvar(output.path, field, layout, values, stage.time_code)
+                self._write_values(
+                    output.path,
+                    field,
+                    layout.interpolation,
+                    layout.indices,
+                    values,
+                    stage.time_code,
+                )
             elif self._double_sided:
                 self._block_primvar(output.path, field)
 
-    def _write_primvar(
+    def _write_values(
         self,
-        mesh: str,
+        owner: str,
         field: OutputField,
-        layout: PrimvarLayout,
+        interpolation: str,
+        picked: NDArray[np.int32] | None,
         values: NDArray[np.float32],
         time_code: float,
     ) -> None:
         array_type, value_type = _ARRAY_TYPES[values.ndim]
-        path = Sdf.Path(f"{mesh}.primvars:{field.name}")
+        """One stage of a primvar. picked : the primvar's indices; None: it has none"""
+        path = Sdf.Path(f"{owner}.primvars:{field.name}")
         attribute = self._layer.GetAttributeAtPath(path)
         if not attribute:
-            prim = Sdf.CreatePrimInLayer(self._layer, mesh)
+            prim = Sdf.CreatePrimInLayer(self._layer, owner)
             attribute = Sdf.AttributeSpec(prim, path.name, value_type)
-            attribute.SetInfo("interpolation", layout.interpolation)
+            attribute.SetInfo("interpolation", interpolation)
             indices = Sdf.AttributeSpec(prim, f"{path.name}:indices", Sdf.ValueTypeNames.IntArray)
             # Without indices of ours, those of the source or of a mesh that this one references
             # would pick from our values.
-            indices.default = (
-                Sdf.ValueBlock()
-                if layout.indices is None
-                else Vt.IntArray.FromNumpy(layout.indices)
-            )
+            indices.default = Sdf.ValueBlock() if picked is None else Vt.IntArray.FromNumpy(picked)
         sample = array_type.FromNumpy(np.ascontiguousarray(values))
         self._layer.SetTimeSample(path, time_code, sample)
         # For readers at the default time; equal arrays are stored once.

@@ -17,6 +17,7 @@ from pxr import Usd, UsdRender
 from .errors import SettingsError
 from .plugin_registration import SOLVER_API, require_schema
 
+Instances = Literal["expand", "summary"]
 FilterInterval = Literal["corrected", "paper"]
 Method = Literal["auto", "composite", "dept", "ddl+idept", "ddl+hpr"]
 OutputMode = Literal["vertex", "refined"]
@@ -45,6 +46,8 @@ class SolverSettings:
     filter_sharing : d_f, fraction of the support radius within which vertices share a value
     filter_interval : confidence interval of a photon count, corrected or as in the paper
     output_mode : vertex: the meshes as they are; refined: with the adaptive mesh of direct lighting
+    instances : expand: results make a prim of each instance, with primvars of its own; summary:
+        instances stay, each with one value of each primvar
     subdivision_threshold : difference of displayed brightness, 1 from black to white, that the
         adaptive mesh may lose
     subdivision_iterations : of the adaptive mesh
@@ -71,6 +74,7 @@ class SolverSettings:
         default="corrected", metadata={"choices": get_args(FilterInterval)}
     )
     output_mode: OutputMode = field(default="vertex", metadata={"choices": get_args(OutputMode)})
+    instances: Instances = field(default="expand", metadata={"choices": get_args(Instances)})
     subdivision_threshold: float = _number(0.05, 0.001, 1.0)
     subdivision_iterations: int = _number(3, 0, 8)
     surface_level: int = _number(2, 0, 6)

@@ -81,8 +81,15 @@ def solve_stage(
     require_light_and_surface(scene, str(source))
 
     provenance = provenance_of(settings) | opening.record()
-    display = DisplayView.of(settings)
-    writer = ResultsWriter(stage, output, scene, provenance, display, settings.output_mode)
+    writer = ResultsWriter(
+        stage,
+        output,
+        scene,
+        provenance,
+        DisplayView.of(settings),
+        settings.output_mode,
+        settings.instances,
+    )
     solver = ProgressiveSolver(scene, settings)
     with stop_on_signal() as stop:
         stages, write_seconds = _solve_and_write(solver, writer, output, stop, messages, steps)

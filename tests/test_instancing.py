@@ -10,10 +10,11 @@ import pytest
 from pxr import Gf, Usd, UsdGeom
 
 import isolux
+from isolux.errors import SceneError
 from isolux.output_fields import OUTPUT_FIELDS
 from isolux.results import ResultsWriter
 from small_room import FLOOR, WALLS
-from usda_stage import METRES
+from usda_stage import METRES, found, open_usda, read_usda
 
 # Radiosity is left out: which of two equal clusters it takes first hangs on the last bit.
 SETTINGS = isolux.SolverSettings(
@@ -120,8 +121,7 @@ POINTS = f"""
     float3[] scales = [(1, 1, 1), (1, 1, 1), (1, 2, 1), (-1, 1, 0.5), (1, 1, 1), (1, 1, 1)]
     vector3f[] velocities = [(1, 0, 0), (1, 0, 0), (1, 0, 0), (1, 0, 0), (1, 0, 0), (1, 0, 0)]
 """
-HALF_COS = float(np.float16(COS))  # half precision as it is stored
-HALF_TURN = 2 * np.degrees(np.arccos(HALF_COS))
+HALF_TURN = Gf.Matrix4d().SetRotate(Gf.Quatd(Gf.Quath(COS, 0, 0, SIN)))  # as it is stored
 POINT_INSTANCER = (
     "",
     prim(
@@ -137,7 +137,7 @@ POINT_INSTANCER = (
         + prim(
             "Copy2",
             WEDGE,
-            LEAN * matrix(scale=(1, 2, 1), turn=((0, 0, 1), HALF_TURN), move=(1, 1, 0)),
+            LEAN * matrix(scale=(1, 2, 1)) * HALF_TURN * matrix(move=(1, 1, 0)),
         )
         + prim("Copy3", SHADE + BULB, matrix(scale=(-1, 1, 0.5), move=(0.5, -1.25, 0)))
         + prim("Copy5", SHADE + BULB, matrix(move=(-1, 1, 0))),
@@ -265,3 +265,183 @@ def test_instances_are_lit_as_their_copies_by_hand(tmp_path: Path, case: str) ->
                 assert values == pytest.approx(
                     expected, rel=1e-6, abs=1e-6 * np.abs(expected).max(initial=0.0)
                 ), (path, field.name)
+
+
+def test_an_instancers_matrices_are_those_that_usd_computes() -> None:
+    stage = open_usda(
+        prim(
+            "Field",
+            POINTS.replace("/World", "") + prim("Protos", prim("A", WEDGE)) + prim("B", SHADE),
+            kind="def PointInstancer",
+            metadata="inactiveIds = [14]",
+        )
+    )
+    half_precision = UsdGeom.PointInstancer(stage.GetPrimAtPath("/Field"))
+    rng = np.random.default_rng(7)
+    quaternions = [Gf.Quath(*map(float, q)) for q in rng.normal(size=(6, 4))]  # of any length
+    half_precision.CreateOrientationsAttr(quaternions)
+    for full_precision in (False, True):
+        if full_precision:
+            finer = [Gf.Quatf(*map(float, q)) for q in rng.uniform(-0.5, 0.5, (6, 4))]
+            half_precision.CreateOrientationsfAttr(finer)
+        [item] = isolux.read_stage(stage).instanced
+        assert item.copies is not None
+        time = Usd.TimeCode.Default()
+        expected = half_precision.ComputeInstanceTransformsAtTime(time, time)
+        assert item.copies.numbers.tolist() == [0, 2, 3, 5]
+        assert item.copies.matrices == pytest.approx(np.array(expected), abs=1e-12)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_copies_share_what_does_not_move(case: str) -> None:
+    prototypes, instanced, _ = CASES[case]
+    scene = read_usda(prototypes + prim("World", instanced))
+    meshes = {mesh.path: mesh for mesh in scene.meshes}
+    copies = [mesh for mesh in scene.meshes if mesh.copy_of is not None]
+    assert len(meshes) - len(copies) == len({path.split("/")[-1] for path in meshes})
+    for mesh in copies:
+        assert mesh.copy_of is not None
+        first, to_copy = meshes[mesh.copy_of.path], mesh.copy_of.matrix
+        assert first.copy_of is None and list(meshes).index(first.path) < list(meshes).index(
+            mesh.path
+        )
+        assert mesh.face_vertex_indices is first.face_vertex_indices
+        assert mesh.reflectance is first.reflectance
+        moved = first.points @ to_copy[:3, :3] + to_copy[3, :3]
+        assert mesh.points == pytest.approx(moved, abs=1e-12)
+
+
+def test_instances_keep_what_reaches_them_from_above() -> None:
+    """A colour on the instance itself: two prototypes' worth of reflectance, one of points."""
+    bare = WEDGE.replace("color3f[] primvars:displayColor = [(0.7, 0.4, 0.2)]", "")
+    colours = [(0.1, 0.2, 0.3), (0.6, 0.5, 0.4), (0.1, 0.2, 0.3)]
+    scene = read_usda(
+        prim("Model", bare, kind="class Xform")
+        + "".join(
+            prim(f"I{i}", f"color3f[] primvars:displayColor = [{colour}]\n", PLACES[i],
+                 metadata="instanceable = true\n prepend references = </Model>")
+            for i, colour in enumerate(colours)
+        )
+    )  # fmt: skip
+    found_colours = [tuple(mesh.reflectance[0]) for mesh in scene.meshes]
+    assert found_colours == [pytest.approx(colour) for colour in colours]
+    assert [mesh.copy_of is None for mesh in scene.meshes] == [True, True, False]
+
+
+GOOD = f"""rel prototypes = </Field/A>
+    int[] protoIndices = [0, 0]
+    point3f[] positions = [(0, 0, 0), (1, 0, 0)]
+    {WEDGE.replace("Wedge", "A")}"""
+
+
+def field(*changes: tuple[str, str]) -> str:
+    arrays = GOOD
+    for old, new in changes:
+        assert old in arrays
+        arrays = arrays.replace(old, new)
+    return prim("Field", arrays, kind="def PointInstancer")
+
+
+# Stage; paths of the meshes that are left; finding.
+HOSTILE = {
+    "index out of range": (
+        field(("[0, 0]", "[0, 1000000000]")),
+        ["/Field/Copy0"],
+        ("/Field", "protoIndices", "skipped"),
+    ),
+    "negative index": (
+        field(("[0, 0]", "[-1, 0]")),
+        ["/Field/Copy1"],
+        ("/Field", "protoIndices", "skipped"),
+    ),
+    "too few positions": (
+        field(("(0, 0, 0), ", "")),
+        [],
+        ("/Field", "PointInstancer", "skipped"),
+    ),
+    "too many scales": (
+        field(("int[]", "float3[] scales = [(1, 1, 1), (1, 1, 1), (1, 1, 1)]\nint[]")),
+        [],
+        ("/Field", "PointInstancer", "skipped"),
+    ),
+    "a scale of 0": (
+        field(("int[]", "float3[] scales = [(1, 0, 1), (1, 1, 1)]\nint[]")),
+        ["/Field/Copy1"],
+        ("/Field", "PointInstancer", "skipped"),
+    ),
+    "a position that is no number": (
+        field(("(1, 0, 0)", "(nan, 0, 0)")),
+        ["/Field/Copy0"],
+        ("/Field", "PointInstancer", "skipped"),
+    ),
+    "missing prototype": (
+        field(("</Field/A>", "</Field/B>")),
+        [],
+        ("/Field", "prototypes", "skipped"),
+    ),
+    "no prototypes": (
+        field(("rel prototypes = </Field/A>", "")),
+        [],
+        ("/Field", "protoIndices", "skipped"),
+    ),
+    "itself": (field(("</Field/A>", "</Field>")), [], ("/Field", "prototypes", "skipped")),
+    "wrong number of ids": (
+        field(("int[]", "int64[] ids = [7]\nint64[] invisibleIds = [1]\nint[]")),
+        ["/Field/Copy0"],
+        ("/Field", "ids", "repaired"),
+    ),
+    "two that hold each other": (
+        instancer("X", "/Y", [(0, 0, 0)], "", matrix()) + instancer("Y", "/X", [(1, 0, 0)])
+        + prim("Z", WEDGE),
+        ["/Z/Wedge"],
+        ("/X", "prototypes", "skipped"),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_a_bad_instancer_is_named(case: str) -> None:
+    stage, paths, finding = HOSTILE[case]
+    scene = read_usda(stage)
+    assert [mesh.path for mesh in scene.meshes] == paths
+    assert finding in found(scene)
+
+
+def test_nesting_that_multiplies_without_end_is_refused() -> None:
+    """Ten levels of a hundred each, in two kilobytes."""
+    hundred = [(0, 0, 0)] * 100
+    levels = "".join(instancer(f"L{i}", f"/L{i + 1}", hundred) for i in range(10))
+    with pytest.raises(SceneError, match=r"/L\d+: found more than 2,000,000 instances"):
+        read_usda(levels + prim("L10", WEDGE))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_summary_is_the_mean_over_each_outermost_instance(tmp_path: Path, case: str) -> None:
+    prototypes, instanced, _ = CASES[case]
+    stage, scene = baked(tmp_path, "summed", prototypes, instanced, "summary")
+    solution = list(isolux.ProgressiveSolver(scene, SETTINGS).stages())[-1]
+    sums: dict[tuple[str, int], list[float]] = {}
+    in_world = [mesh for mesh in scene.meshes if mesh.path.startswith("/World/")]
+    for mesh in in_world:
+        front = solution.layout(mesh.path).front
+        parts = mesh.path.split("/")  # /World/I0/..., /World/Field/Copy3/...
+        owner = stage.GetPrimAtPath("/".join(parts[:3]))
+        if owner.IsA(UsdGeom.Mesh):
+            continue
+        number = -1 if owner.IsInstance() else int(parts[3].removeprefix("Copy"))
+        area = float(solution.vertex_areas[front].sum())
+        total = sums.setdefault((str(owner.GetPath()), number), [0.0, 0.0])
+        total[0] += solution.mean_illuminance(mesh.path) * area
+        total[1] += area
+    assert sums
+    weights = np.array([0.2126, 0.7152, 0.0722])
+    for (owner, number), (total, area) in sums.items():
+        primvar = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath(owner)).GetPrimvar("isolux:illuminance")
+        values = np.array(primvar.Get(3.0), float) @ weights
+        assert values[max(number, 0)] == pytest.approx(total / area, rel=1e-5)
+        assert primvar.GetInterpolation() == ("constant" if number < 0 else "vertex")
+        if number >= 0:
+            instancer_prim = UsdGeom.PointInstancer(stage.GetPrimAtPath(owner))
+            assert len(values) == len(instancer_prim.GetProtoIndicesAttr().Get())
+            drawn = [n for path, n in sums if path == owner]
+            assert not np.delete(values, drawn).any()

@@ -80,7 +80,7 @@ def add_model(
     Usd.ModelAPI(model.GetPrim()).SetKind(Kind.Tokens.component)
     _place(stage, model, at, (0, turn, 0))
     for part in parts:
-        _add_mesh(stage, f"{path}/{part.name}", part)
+        add_mesh(stage, f"{path}/{part.name}", part)
 
 
 def add_light(
@@ -178,7 +178,8 @@ def add_render_settings(stage: Usd.Stage, camera: str | None = None) -> None:
     stage.SetMetadata("renderSettingsPrimPath", "/Render/Settings")
 
 
-def _add_mesh(stage: Usd.Stage, path: str, part: Part) -> None:
+def add_mesh(stage: Usd.Stage, path: str, part: Part) -> None:
+    """One mesh below a prim that is there."""
     mesh = UsdGeom.Mesh.Define(stage, path)
     shape = part.shape
     points = (shape.points * _units(stage)).astype(np.float32)

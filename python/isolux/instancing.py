@@ -159,10 +159,12 @@ class InstanceWalk:
             self._context.note(prim, "instance", "skipped", reason)
             return
         inherited = self._inherited_by(prim)
-        key = None
+        key: tuple[Any, ...] | None = None
         if _BY_COLLECTION not in inherited:  # else each path may have its own material
             key = (prim.GetPrototype().GetPath(), *inherited)
-        children = prim.GetFilteredChildren(Usd.TraverseInstanceProxies(predicate))
+        children: list[Usd.Prim] = []
+        if key not in self._known:
+            children = prim.GetFilteredChildren(Usd.TraverseInstanceProxies(predicate))
         yield from self._place(key, matrix, path, source, children, predicate)
         if self._depth == 0:
             ranges = np.array([begin, len(self._meshes)])
@@ -241,6 +243,7 @@ class InstanceWalk:
         key : of all places that hold the same; None: of this one alone
         matrix : (4, 4) float64 of the place, stage units
         path, source : of the place, in the results and on the stage
+        roots : the prims to walk where the prototype is met first
         """
         self._count(1, 0, source)
         known = self._known.get(key) if key else None
@@ -269,12 +272,12 @@ class InstanceWalk:
         self._repeated.update(known.findings)
         context = self._context
         moved = known.inverse @ matrix
+        motion = _Motion(moved, context.meters_per_unit)
         for mesh in known.meshes:
             in_results = path + mesh.path[len(known.path) :]
             on_stage = source + (mesh.source_path or mesh.path)[len(known.source) :]
-            copied = _copied(mesh, moved, context.meters_per_unit)
             renamed = "" if on_stage == in_results else on_stage
-            self._meshes.append(replace(copied, path=in_results, source_path=renamed))
+            self._meshes.append(motion.copied(mesh, in_results, renamed))
         for item in known.instanced:
             self.instanced.append(
                 replace(
@@ -331,30 +334,49 @@ class InstanceWalk:
         return (str(value) if array.dtype.kind == "O" else array.tobytes(),)
 
 
-def _copied(mesh: MeshDescription, moved: Matrix, metres: float) -> MeshDescription:
-    """The mesh in another place.
+class _Motion:
+    """From one place of a prototype to another.
 
-    moved : (4, 4) float64, its world space to that of the copy, stage units
+    matrix : (4, 4) float64, for row vectors: world space, metres
+    linear : (3, 3) float64, its upper left
+    for_normals : (3, 3) float64 on the front side before and after, their length aside
     """
-    matrix = moved.copy()
-    matrix[3, :3] *= metres
-    linear = matrix[:3, :3]
-    normals = mesh.corner_normals
-    if normals is not None:
+
+    def __init__(self, moved: Matrix, metres: float) -> None:
+        self.matrix = moved.copy()
+        self.matrix[3, :3] *= metres
+        self.linear = self.matrix[:3, :3]
+        (a, b, c), (d, e, f), (g, h, i) = self.linear.tolist()
+        cofactors = np.array(
+            [
+                [e * i - f * h, f * g - d * i, d * h - e * g],
+                [c * h - b * i, a * i - c * g, b * g - a * h],
+                [b * f - c * e, c * d - a * f, a * e - b * d],
+            ]
+        )
+        self.mirrors = bool(cofactors[0] @ self.linear[0] < 0)
         # The inverse transpose keeps outward normals outward, under mirroring as well.
-        turned = normals @ np.linalg.inv(linear).T
-        lengths = np.linalg.norm(turned, axis=1, keepdims=True)
-        normals = (turned / np.where(lengths > 0, lengths, 1.0)).astype(np.float32)
-    of = MeshCopy(mesh.path, matrix)
-    if mesh.copy_of is not None:
-        of = MeshCopy(mesh.copy_of.path, mesh.copy_of.matrix @ matrix)
-    return replace(
-        mesh,
-        points=mesh.points @ linear + matrix[3, :3],
-        corner_normals=normals,
-        flip_winding=mesh.flip_winding != bool(np.linalg.det(linear) < 0),
-        copy_of=of,
-    )
+        self.for_normals = -cofactors if self.mirrors else cofactors
+
+    def copied(self, mesh: MeshDescription, path: str, source_path: str) -> MeshDescription:
+        """The mesh in the other place."""
+        first = mesh.copy_of
+        normals = mesh.corner_normals
+        if normals is not None:
+            turned = normals @ self.for_normals
+            lengths = np.sqrt(np.einsum("ij,ij->i", turned, turned))[:, None]
+            normals = (turned / np.where(lengths > 0, lengths, 1.0)).astype(np.float32)
+        return replace(
+            mesh,
+            path=path,
+            source_path=source_path,
+            points=mesh.points @ self.linear + self.matrix[3, :3],
+            corner_normals=normals,
+            flip_winding=mesh.flip_winding != self.mirrors,
+            copy_of=MeshCopy(first.path, first.matrix @ self.matrix)
+            if first
+            else MeshCopy(mesh.path, self.matrix),
+        )
 
 
 def _rebased(path: str, old: str, new: str) -> str:

@@ -13,9 +13,6 @@ from pxr import Sdf, Usd, UsdGeom
 
 from .reading_context import ReadingContext, singular
 
-# Below this the imaginary part of a quaternion gives no axis [GF_MIN_VECTOR_LENGTH].
-LEAST_AXIS = 1e-10
-
 
 @dataclass(frozen=True, slots=True)
 class PointInstances:
@@ -147,18 +144,8 @@ def _matrices(
 
 
 def _rotations(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 3, 3) float64 for row vectors, by axis and angle as GfRotation takes a quaternion.
-
-    Half precision leaves quaternions that are not quite of length 1: USD takes the angle from the
-    real part and the axis from the direction of the imaginary part.
-    """
-    imaginary, real = quaternions[:, :3], quaternions[:, 3]
-    lengths = np.linalg.norm(imaginary, axis=1)
-    turned = lengths > LEAST_AXIS
-    cosine = np.where(turned, np.clip(real, -1.0, 1.0), 1.0)  # of half the angle
-    sine = np.sqrt(np.maximum(0.0, 1.0 - cosine * cosine))
-    x, y, z = (imaginary / np.where(turned, lengths, 1.0)[:, None] * sine[:, None]).T
-    w = cosine
+    """(N, 3, 3) float64 for row vectors; of another length than 1 as USD takes them, GfMatrix4d."""
+    x, y, z, w = quaternions.T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)],
         [2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)],

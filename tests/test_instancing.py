@@ -3,15 +3,18 @@
 The hand-written stage names its copies as the results do, so that prims pair up by path.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom, UsdShade
 
 import isolux
+from isolux.baked_prims import BakedPrims
 from isolux.errors import SceneError
 from isolux.output_fields import OUTPUT_FIELDS
+from isolux.render import render_picture
 from isolux.results import ResultsWriter
 from small_room import FLOOR, WALLS
 from usda_stage import METRES, found, open_usda, read_usda
@@ -445,3 +448,105 @@ def test_a_summary_is_the_mean_over_each_outermost_instance(tmp_path: Path, case
             assert len(values) == len(instancer_prim.GetProtoIndicesAttr().Get())
             drawn = [n for path, n in sums if path == owner]
             assert not np.delete(values, drawn).any()
+
+
+@pytest.mark.parametrize("instances", ["expand", "summary"])
+def test_a_picture_of_the_results_shows_the_instances(tmp_path: Path, instances: str) -> None:
+    """From where a camera sees nothing but the wedges and shades of nested instances."""
+    prototypes, instanced, _ = EVERYTHING_IN_EVERYTHING
+    stage, scene = baked(tmp_path, "seen", prototypes, instanced, instances)
+    picture = render_picture(stage, width=64, samples=1)
+    assert picture.time == 3.0
+    without = [mesh for mesh in scene.meshes if mesh.path in ("/World/Floor", "/World/Walls")]
+    for mesh in scene.meshes:
+        found_values = BakedPrims(stage, scene).values(mesh.path, "isolux:illuminance", 3.0)
+        assert found_values is not None
+        values, interpolation = found_values
+        assert np.isfinite(values).all() and values.max() > 0
+        kept = instances == "summary" and mesh not in without
+        assert (interpolation == "constant") == kept
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_stage_in_memory_is_expanded_in_its_flattened_copy(tmp_path: Path, case: str) -> None:
+    prototypes, instanced, _ = CASES[case]
+    stage = open_usda(prototypes + prim("World", FLOOR + WALLS + SMALL_LAMP + instanced))
+    scene = isolux.read_stage(stage)
+    writer = ResultsWriter(stage, tmp_path / "out.usda", scene, {})
+    for solution in isolux.ProgressiveSolver(scene, SETTINGS).stages():
+        writer.write(solution)
+    results = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    meshes = shown_meshes(results)
+    assert meshes.keys() == {mesh.path for mesh in scene.meshes}
+    for mesh in scene.meshes:
+        points = world_points(meshes[mesh.path])
+        assert points == pytest.approx(mesh.points, abs=1e-6)
+        assert meshes[mesh.path].GetPrim().HasAttribute("primvars:isolux:illuminance")
+
+
+def test_a_copy_keeps_what_its_prototype_inherits(tmp_path: Path) -> None:
+    """A material bound, and a colour authored, above the prototype and beside the instancer."""
+    material = """def Material "Red" {
+        token outputs:surface.connect = </Looks/Red/S.outputs:surface>
+        def Shader "S" {
+            uniform token info:id = "UsdPreviewSurface"
+            color3f inputs:diffuseColor = (0.5, 0.1, 0.1)
+            token outputs:surface
+        }
+    }
+    """
+    bare = WEDGE.replace("color3f[] primvars:displayColor = [(0.7, 0.4, 0.2)]", "")
+    library = prim("Looks", material, kind="def Scope") + prim(
+        "Library",
+        """rel material:binding = </Looks/Red>
+        color3f[] primvars:displayColor = [(0.1, 0.2, 0.3)]\n"""
+        + prim("Leaf", bare),
+        kind="over",
+        metadata='prepend apiSchemas = ["MaterialBindingAPI"]',
+    )
+    stage, scene = baked(tmp_path, "inherited", library, instancer("Field", "/Library/Leaf", INNER))
+    copies = [mesh for mesh in scene.meshes if mesh.path.startswith("/World/Field")]
+    assert [mesh.path for mesh in copies] == [f"/World/Field/Copy{i}/Wedge" for i in (0, 1)]
+    for mesh in copies:
+        assert mesh.reflectance[0] == pytest.approx((0.5, 0.1, 0.1))
+        shown = stage.GetPrimAtPath(mesh.path)
+        bound, _ = UsdShade.MaterialBindingAPI(shown).ComputeBoundMaterial()
+        assert bound.GetPath() == "/Looks/Red"
+        copy = UsdGeom.PrimvarsAPI(shown.GetParent()).GetPrimvar("displayColor")
+        assert np.array(copy.Get()) == pytest.approx(np.array([(0.1, 0.2, 0.3)]))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_each_copy_gets_a_refined_mesh_of_its_own(tmp_path: Path, case: str) -> None:
+    prototypes, instanced, _ = CASES[case]
+    source = tmp_path / "refined.usda"
+    world = prim("World", FLOOR + WALLS + SMALL_LAMP + instanced)
+    source.write_text(f"#usda 1.0\n{METRES}{prototypes}{world}", encoding="utf-8")
+    stage = Usd.Stage.Open(str(source))
+    scene = isolux.read_stage(stage)
+    settings = replace(
+        SETTINGS, output_mode="refined", subdivision_iterations=2, subdivision_threshold=0.004
+    )
+    writer = ResultsWriter(stage, tmp_path / "out.usda", scene, {})
+    solutions = list(isolux.ProgressiveSolver(scene, settings).stages())
+    for solution in solutions:
+        writer.write(solution)
+    refined = solutions[-1].refined
+    assert refined is not None
+    results = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    meshes = shown_meshes(results)
+    assert meshes.keys() == {mesh.path for mesh in scene.meshes}
+    split = []
+    for mesh in scene.meshes:
+        shown = meshes[mesh.path]
+        counts = np.array(shown.GetFaceVertexCountsAttr().Get())
+        if len(counts) > 2 * len(mesh.face_vertex_counts):
+            split.append(mesh.path)
+        primvar = UsdGeom.PrimvarsAPI(shown).GetPrimvar("isolux:illuminance")
+        wanted = {"vertex": len(shown.GetPointsAttr().Get()), "faceVarying": counts.sum()}
+        assert len(primvar.ComputeFlattened(3.0)) == wanted[primvar.GetInterpolation()]
+        low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+        points = world_points(shown)
+        assert points.min(axis=0) == pytest.approx(low, abs=1e-6)
+        assert points.max(axis=0) == pytest.approx(high, abs=1e-6)
+    assert {"/World/Floor", "/World/Walls"} < set(split)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdLux, UsdValidation
+from usd_scenes.auditorium.generate import generate as generate_auditorium
 from usd_scenes.box_room.generate import expected_illuminance as box_illuminance
 from usd_scenes.box_room.generate import generate as generate_box_room
 from usd_scenes.cornell_box.generate import LUMINOUS_FLUX as CORNELL_FLUX
@@ -35,6 +36,8 @@ GENERATORS = {
     "hall": lambda path: generate_hall(path, luminaires=33, density=0.5),
     "study": generate_study,
     "hills": lambda path: generate_hills(path, faces=1000, meshes=4, normals=True),
+    "auditorium": lambda path: generate_auditorium(path, rows=2),
+    "auditorium of points": lambda path: generate_auditorium(path, "points", rows=2),
 }
 
 # Meshes that bound no solid: walls and panes seen from one side, canvases, the rug, boxes without
@@ -44,7 +47,9 @@ OPEN_MESHES = {
     *("Reveals", "Glass", "Canvas", "Rug", "ShortBox", "TallBox"),
     *("Tile0", "Tile1", "Tile2", "Tile3"),
     *("Desk", "Sofa", "Cupboard", "LowShelf", "HighShelf"),
+    "Steps",
 }
+AUDITORIA = ("auditorium", "auditorium of points")
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +122,7 @@ def test_solids_are_closed_and_face_outwards(stages: dict[str, Usd.Stage], name:
         volume = np.einsum("ij,ij->", p, np.cross(q, r)) / 6
         # The closed rooms are seen from inside.
         inside_out = name in ("furnace_sphere", "box_room")
-        inside_out |= name in ("hall", "hills") and mesh.GetPrim().GetName() == "Shell"
+        inside_out |= name in ("hall", "hills", *AUDITORIA) and mesh.GetPrim().GetName() == "Shell"
         assert (volume < 0) == inside_out, f"{mesh.GetPath()}: {volume} m^3"
 
 
@@ -237,3 +242,16 @@ def test_the_hall_has_one_flux_whatever_its_luminaires(tmp_path: Path, luminaire
     scene = read_stage(tmp_path / "hall.usdc")
     assert len(scene.luminaires) == luminaires
     assert sum(light.luminous_flux for light in scene.luminaires) == pytest.approx(HALL_FLUX)
+
+
+def test_the_auditorium_is_the_same_however_its_seats_are_placed(tmp_path: Path) -> None:
+    scenes = []
+    for instancing in ("none", "scenegraph", "points"):
+        generate_auditorium(tmp_path / "auditorium.usdc", instancing, rows=2)
+        scenes.append(read_stage(tmp_path / "auditorium.usdc"))
+    for scene in scenes:
+        assert scene.findings == ()
+        assert len(scene.meshes) == 2 + 200 * 2
+        for mesh, other in zip(scene.meshes, scenes[0].meshes, strict=True):
+            # A point instancer keeps places and turns in less than single precision.
+            assert mesh.points == pytest.approx(other.points, abs=1e-3)

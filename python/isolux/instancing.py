@@ -275,7 +275,7 @@ class InstanceWalk:
         motion = _Motion(moved, context.meters_per_unit)
         for mesh in known.meshes:
             in_results = path + mesh.path[len(known.path) :]
-            on_stage = source + (mesh.source_path or mesh.path)[len(known.source) :]
+            on_stage = _rebased(mesh.source_path or mesh.path, known.source, source)
             renamed = "" if on_stage == in_results else on_stage
             self._meshes.append(motion.copied(mesh, in_results, renamed))
         for item in known.instanced:

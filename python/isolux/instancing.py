@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from .errors import SceneError
+from .mesh_copies import Motion
 from .point_instances import PointInstances, read_point_instances
 from .reading_context import Frame, ReadingContext
-from .scene_description import InstancedPrim, MeshCopy, MeshDescription, PointCopies
+from .scene_description import InstancedPrim, MeshDescription, PointCopies
 
-# Nesting multiplies: a few lines of text could ask for more than any memory holds.
-MOST_PLACED = 2_000_000
+# Nesting multiplies: a few lines of text could ask for more than any memory holds. A mesh takes
+# 1 kB besides its points, so that these take some 0.5 GB and 6 GB.
+MOST_PLACED = 500_000
 MOST_CORNERS = 1 << 28
 # Places of a prototype whose axes differ more in scale are no base for others: rounding.
 MOST_UNEVEN = 1e6
@@ -194,17 +196,21 @@ class InstanceWalk:
             InstancedPrim(path, str(prim.GetPath()), copies, tuple(str(p) for p in targets))
         )
         ranges = [len(self._meshes)]
+        begun: set[int] = set()
         for number, index, matrix in zip(
             copies.numbers, copies.prototype, copies.matrices @ world, strict=True
         ):
             prototype = prototypes[index]
             assert prototype is not None
             source, copy_path = str(targets[index]), f"{path}/{name}{number}"
+            key = ("prototype", source)
+            if key in self._known and index not in begun:  # better now than after half of them
+                known, times = self._known[key], int(np.count_nonzero(copies.prototype == index))
+                self._require_room(times * len(known.meshes), times * known.corners, source)
+                begun.add(index)
             context.frame = Frame(prototype.GetParent(), matrix, source, copy_path)
             self._open.append(targets[index])
-            yield from self._place(
-                ("prototype", source), matrix, copy_path, source, [prototype], _INSIDE_PROTOTYPE
-            )
+            yield from self._place(key, matrix, copy_path, source, [prototype], _INSIDE_PROTOTYPE)
             self._open.pop()
             ranges.append(len(self._meshes))
             context.frame = outer
@@ -272,7 +278,7 @@ class InstanceWalk:
         self._repeated.update(known.findings)
         context = self._context
         moved = known.inverse @ matrix
-        motion = _Motion(moved, context.meters_per_unit)
+        motion = Motion(moved, context.meters_per_unit)
         for mesh in known.meshes:
             in_results = path + mesh.path[len(known.path) :]
             on_stage = _rebased(mesh.source_path or mesh.path, known.source, source)
@@ -301,9 +307,12 @@ class InstanceWalk:
             context.frame = outer
 
     def _count(self, placed: int, corners: int, source: str) -> None:
+        self._require_room(placed, corners, source)
         self._placed += placed
         self._corners += corners
-        if self._placed > MOST_PLACED or self._corners > MOST_CORNERS:
+
+    def _require_room(self, placed: int, corners: int, source: str) -> None:
+        if self._placed + placed > MOST_PLACED or self._corners + corners > MOST_CORNERS:
             raise SceneError(
                 source,
                 f"more than {MOST_PLACED:,} instances and meshes in them, or {MOST_CORNERS:,} face "
@@ -332,51 +341,6 @@ class InstanceWalk:
         value = told.Get(self._context.time)
         array = np.asarray(value)
         return (str(value) if array.dtype.kind == "O" else array.tobytes(),)
-
-
-class _Motion:
-    """From one place of a prototype to another.
-
-    matrix : (4, 4) float64, for row vectors: world space, metres
-    linear : (3, 3) float64, its upper left
-    for_normals : (3, 3) float64 on the front side before and after, their length aside
-    """
-
-    def __init__(self, moved: Matrix, metres: float) -> None:
-        self.matrix = moved.copy()
-        self.matrix[3, :3] *= metres
-        self.linear = self.matrix[:3, :3]
-        (a, b, c), (d, e, f), (g, h, i) = self.linear.tolist()
-        cofactors = np.array(
-            [
-                [e * i - f * h, f * g - d * i, d * h - e * g],
-                [c * h - b * i, a * i - c * g, b * g - a * h],
-                [b * f - c * e, c * d - a * f, a * e - b * d],
-            ]
-        )
-        self.mirrors = bool(cofactors[0] @ self.linear[0] < 0)
-        # The inverse transpose keeps outward normals outward, under mirroring as well.
-        self.for_normals = -cofactors if self.mirrors else cofactors
-
-    def copied(self, mesh: MeshDescription, path: str, source_path: str) -> MeshDescription:
-        """The mesh in the other place."""
-        first = mesh.copy_of
-        normals = mesh.corner_normals
-        if normals is not None:
-            turned = normals @ self.for_normals
-            lengths = np.sqrt(np.einsum("ij,ij->i", turned, turned))[:, None]
-            normals = (turned / np.where(lengths > 0, lengths, 1.0)).astype(np.float32)
-        return replace(
-            mesh,
-            path=path,
-            source_path=source_path,
-            points=mesh.points @ self.linear + self.matrix[3, :3],
-            corner_normals=normals,
-            flip_winding=mesh.flip_winding != self.mirrors,
-            copy_of=MeshCopy(first.path, first.matrix @ self.matrix)
-            if first
-            else MeshCopy(mesh.path, self.matrix),
-        )
 
 
 def _rebased(path: str, old: str, new: str) -> str:

@@ -356,6 +356,9 @@ class ResultsWriter:
         self._refined_paths = set(topologies)
         self._stages = [stage.on(refined, known) for stage in self._stages]
         self._refined_findings = []
+        if self._summary is not None:
+            reason = "meshes of instances stay as they are: an adaptive mesh wants them expanded"
+            self._refined_findings.append(Finding("/", "outputMode", "approximated", reason))
         for mesh in self._meshes_written:
             if mesh.path in topologies:
                 self._write_refined_mesh(mesh, topologies[mesh.path])

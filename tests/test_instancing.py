@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Gf, Usd, UsdGeom, UsdShade
+from pxr import Gf, Usd, UsdGeom, UsdLux, UsdShade
 
 import isolux
 from isolux.baked_prims import BakedPrims
@@ -551,3 +551,48 @@ def test_each_copy_gets_a_refined_mesh_of_its_own(tmp_path: Path, case: str) -> 
         assert points.min(axis=0) == pytest.approx(low, abs=1e-6)
         assert points.max(axis=0) == pytest.approx(high, abs=1e-6)
     assert {"/World/Floor", "/World/Walls"} < set(split)
+
+
+REAL = (
+    "Autodesk+arnold-usd/testsuite/test_0206/data/scene.usda",
+    "PixarAnimationStudios+OpenUSD/pxr/usdImaging/usdImagingGL/testenv/"
+    "testUsdImagingGLPointInstancer/pi_pi_xform.usda",
+    "PixarAnimationStudios+OpenUSD/pxr/usd/usdLux/testenv/testUsdLuxLightListAPI/"
+    "root_with_instances.usda",
+)
+
+
+@pytest.mark.parametrize("instances", ["expand", "summary"])
+@pytest.mark.parametrize("path", REAL)
+def test_a_real_stage_lit_in_memory_is_baked(
+    tmp_path: Path, inputs: Path, path: str, instances: str
+) -> None:
+    source = inputs / "usd" / path
+    stage = Usd.Stage.CreateInMemory()
+    stage.GetRootLayer().subLayerPaths = [str(source)]
+    up = UsdGeom.GetStageUpAxis(Usd.Stage.Open(str(source)))
+    UsdGeom.SetStageUpAxis(stage, up)
+    bounds = UsdGeom.BBoxCache(Usd.TimeCode.EarliestTime(), ["default", "render"])
+    box = bounds.ComputeWorldBound(stage.GetPseudoRoot()).ComputeAlignedRange()
+    lamp = UsdLux.SphereLight.Define(stage, "/IsoluxLamp")
+    lamp.CreateRadiusAttr(0.05 * box.GetSize().GetLength())
+    lamp.AddTranslateOp().Set(box.GetMax() + 0.2 * box.GetSize())
+    scene = isolux.read_stage(stage)
+    writer = ResultsWriter(stage, tmp_path / "out.usda", scene, {}, instances)
+    settings = replace(SETTINGS, method="dept", photons=20_000, stages=2)
+    for solution in isolux.ProgressiveSolver(scene, settings).stages():
+        writer.write(solution)
+    results = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    assert not results.GetCompositionErrors()
+    found_light = BakedPrims(results, scene)
+    for mesh in scene.meshes:
+        values = found_light.values(mesh.path, "isolux:illuminance", 2.0)
+        assert values is not None and np.isfinite(values[0]).all()
+        if instances == "expand":
+            shown = UsdGeom.Mesh(results.GetPrimAtPath(mesh.path))
+            to_world = np.array(UsdGeom.Imageable(shown).ComputeLocalToWorldTransform(0.0))
+            points = np.array(shown.GetPointsAttr().Get(Usd.TimeCode.EarliestTime()), float)
+            points = (points @ to_world[:3, :3] + to_world[3, :3]) * scene.meters_per_unit
+            assert points == pytest.approx(mesh.points, rel=1e-6, abs=1e-5)
+            wanted = {"vertex": len(points), "faceVarying": len(mesh.face_vertex_indices)}
+            assert len(values[0]) == wanted[values[1]]

@@ -62,22 +62,22 @@ double mean_illuminance(const Scene& scene) {
 
 DirectLighting::DirectLighting(const Scene& scene, const DirectLightingSettings& settings)
     : scene_(scene), settings_(settings), mean_illuminance_(mean_illuminance(scene)) {
-    std::vector<const Luminaire*> alone;
-    for (const Luminaire& luminaire : scene.luminaires()) {
-        if (std::holds_alternative<DomeLuminaire>(luminaire.shape)) {
-            domes_.push_back(&luminaire);
-        } else if (luminaire.links || luminaire.is_infinite()) {
-            alone.push_back(&luminaire);
-        } else {
-            luminaires_.emplace_back(luminaire);
+    for (const bool in_tree : {true, false}) {
+        for (const Luminaire& luminaire : scene.luminaires()) {
+            const bool plain = luminaire.links == nullptr && !luminaire.is_infinite();
+            if (plain == in_tree && !SkyLighting::is_wide(luminaire)) {
+                luminaires_.emplace_back(luminaire);
+            }
+        }
+        if (in_tree && luminaires_.size() > kFewLuminaires) {
+            tree_.emplace(luminaires_);
+            in_tree_ = luminaires_.size();
         }
     }
-    if (luminaires_.size() > kFewLuminaires) {
-        tree_.emplace(luminaires_);
-        in_tree_ = luminaires_.size();
-    }
-    for (const Luminaire* luminaire : alone) {
-        luminaires_.emplace_back(*luminaire);
+    for (const Luminaire& luminaire : scene.luminaires()) {
+        if (SkyLighting::is_wide(luminaire)) {
+            skies_.push_back(&luminaire);
+        }
     }
 }
 
@@ -90,8 +90,8 @@ double DirectLighting::allowed(double total) const {
 class DirectLighting::Gathering {
   public:
     explicit Gathering(const DirectLighting& lighting) : lighting_(lighting) {
-        for (const Luminaire* dome : lighting.domes_) {
-            domes_.emplace_back(*dome, lighting.scene_.ray_caster());
+        for (const Luminaire* sky : lighting.skies_) {
+            skies_.emplace_back(*sky, lighting.scene_.ray_caster());
         }
     }
 
@@ -151,7 +151,7 @@ class DirectLighting::Gathering {
     double allowed() const;
 
     const DirectLighting& lighting_;
-    std::vector<DomeLighting> domes_;
+    std::vector<SkyLighting> skies_;
     Receiver receiver_;
     std::uint64_t key_ = 0;
     double indirect_ = 0.0;                           // lx
@@ -181,15 +181,15 @@ DirectLighting::Gathering::Found DirectLighting::Gathering::gather(const Receive
     pending_.clear();
     candidates_.clear();
     Vec3f sum;
-    double dome_variance = 0.0;
-    for (std::size_t i = 0; i < domes_.size(); ++i) {
+    double sky_variance = 0.0;
+    for (std::size_t i = 0; i < skies_.size(); ++i) {
         const auto found =
-            domes_[i].illuminate(receiver, key_ + mix64(i), [this](double illuminance) {
+            skies_[i].illuminate(receiver, key_ + mix64(i), [this](double illuminance) {
                 return lighting_.allowed(illuminance + indirect_);
             });
         sum += found.illuminance.as<float>();
         indirect_ += luminance(found.illuminance); // light beside that of the others
-        dome_variance += found.variance;
+        sky_variance += found.variance;
         shadow_rays_ += found.shadow_rays;
     }
     if (lighting_.tree_) {
@@ -214,7 +214,7 @@ DirectLighting::Gathering::Found DirectLighting::Gathering::gather(const Receive
         known_ += s.known;
         edges_ += s.edges;
     }
-    return {sum, static_cast<float>(std::sqrt(variance() + dome_variance)), shadow_rays_};
+    return {sum, static_cast<float>(std::sqrt(variance() + sky_variance)), shadow_rays_};
 }
 
 double DirectLighting::Gathering::allowed() const { return lighting_.allowed(direct_ + indirect_); }
@@ -245,7 +245,7 @@ bool DirectLighting::Gathering::add(std::int32_t luminaire, double unoccluded,
     } else if (unoccluded > 0.0) {
         share.unoccluded = share.expected = unoccluded;
         if (const auto* far = std::get_if<DistantLuminaire>(&light.luminaire().shape)) {
-            share.angle = std::min(1.0, far->half_angle);
+            share.angle = far->half_angle;
         } else {
             const double distance = length(light.luminaire().position - receiver_.position);
             share.angle = distance > light.radius() ? light.radius() / distance : 1.0;

@@ -8,10 +8,10 @@
 #include <span>
 #include <vector>
 
-#include "core/dome_lighting.h"
 #include "core/light_tree.h"
 #include "core/luminaire_illuminance.h"
 #include "core/scene.h"
+#include "core/sky_lighting.h"
 
 namespace isolux {
 
@@ -47,11 +47,11 @@ class DirectLighting {
 
     const Scene& scene_;
     DirectLightingSettings settings_;
-    std::vector<LuminaireIlluminance> luminaires_; // without domes
-    std::vector<const Luminaire*> domes_;
-    std::optional<LightTree> tree_; // of many luminaires, finite and without links
-    std::size_t in_tree_ = 0;       // the first of luminaires_
-    double mean_illuminance_;       // lx, if all light arrived
+    std::vector<LuminaireIlluminance> luminaires_; // with links or infinitely far: last
+    std::vector<const Luminaire*> skies_;          // beside them, that SkyLighting takes
+    std::optional<LightTree> tree_;                // of many luminaires, finite and without links
+    std::size_t in_tree_ = 0;                      // the first of luminaires_
+    double mean_illuminance_;                      // lx, if all light arrived
 };
 
 } // namespace isolux

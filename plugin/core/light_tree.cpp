@@ -19,6 +19,14 @@ constexpr double kUnknownSpread = 1e6;
 // A cluster that may give so much more than from its centre is split whatever is allowed.
 constexpr double kNear = 30.0;
 
+// Of flat luminaires to the angle to a direction, what faces away counting as 0: that of their sum
+// as vectors, and of what cancels in it as if it pointed everywhere alike, a quarter.
+double mean_cosine(const LightCluster& cluster, const Vec3d& direction) {
+    const Vec3d& vector = cluster.vector_intensity;
+    const double cancelled = std::max(0.0, cluster.peak_intensity - length(vector));
+    return std::max(0.0, dot(vector, direction) + 0.25 * cancelled) / cluster.peak_intensity;
+}
+
 double angle_between(const Vec3d& a, const Vec3d& b) {
     return std::atan2(length(cross(a, b)), dot(a, b));
 }
@@ -56,7 +64,8 @@ std::int32_t LightTree::add_cluster(std::span<const LuminaireIlluminance> lumina
         axis += -l.z;
         cluster.luminous_flux += l.luminous_flux;
         cluster.peak_intensity += luminaires[i].peak_intensity();
-        cluster.follows_cosine &= luminaires[i].follows_cosine();
+        cluster.flat &= luminaires[i].follows_cosine();
+        cluster.vector_intensity += -l.z * luminaires[i].peak_intensity();
     }
     cluster.centre = (low + high) * 0.5;
     cluster.half = (high - low) * 0.5;
@@ -69,7 +78,7 @@ std::int32_t LightTree::add_cluster(std::span<const LuminaireIlluminance> lumina
         cluster.reach = std::max(cluster.reach, luminaires[i].reach());
         cluster.own_radius = std::max(cluster.own_radius, luminaires[i].radius());
     }
-    cluster.follows_cosine &= cluster.spread < kAngleSlack;
+    cluster.follows_cosine = cluster.flat && cluster.spread < kAngleSlack;
     clusters_.push_back(cluster);
     if (members.size() == 1) {
         return index;
@@ -198,9 +207,22 @@ ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiv
         slope += cluster.axis * (-1.0 / below) + to * -per_squared;
         first_order &= below > down;
     }
+    double turned = 0.0; // relative variance by what faces of them point to
+    if (cluster.flat && !cluster.follows_cosine) {
+        const double off = angle_between(cluster.axis, -to);
+        const double within = cluster.radius * per_distance;
+        const double range = cluster.spread + (within < 1.0 ? std::asin(within) : kPi);
+        const double largest = std::cos(std::max(0.0, off - range));
+        const double least = std::max(0.0, std::cos(std::min(kPi, off + range)));
+        const double mean = mean_cosine(cluster, to * -per_distance);
+        out.middle *= mean;
+        out.most *= std::max(0.0, largest);
+        const double relative = mean > 0.0 ? (largest - least) / mean : 0.0;
+        turned = mean > 0.0 ? relative * relative / 12.0 : kUnknownSpread;
+    }
     const Vec3d change{slope.x * cluster.half.x, slope.y * cluster.half.y,
                        slope.z * cluster.half.z};
-    out.spread = first_order ? dot(change, change) / 3.0 : kUnknownSpread;
+    out.spread = first_order ? dot(change, change) / 3.0 + turned : kUnknownSpread;
     return out;
 }
 

@@ -17,6 +17,8 @@ struct LightCluster {
     double luminous_flux = 0.0;          // lm
     double peak_intensity = 0.0;         // cd, at most, of all together
     bool follows_cosine = true;          // of the angle to one nadir, all of them
+    bool flat = true;                    // each of the angle to its own nadir
+    Vec3d vector_intensity{};            // cd, sum of the nadirs times their peak intensities
     Vec3d centre{}, half{};              // m; the middle of the luminaires' box, half its edges
     double radius = 0.0;                 // m, of the sphere that holds all luminaires
     double own_radius = 0.0;             // m, of the largest luminaire

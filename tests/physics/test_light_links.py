@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from usd_scenes.shapes import box, rectangle
 
-from core_scenes import Traced, luminaire, surface
+from core_scenes import Traced, distant, dome, luminaire, surface
 from hand_built import scene_of
 from isolux import _core
 from isolux.core_scene import build_core_scene
@@ -195,3 +195,35 @@ def test_every_method_honours_links(method):
     ends = stage.absorbed + stage.back_absorbed + stage.escaped + stage.absorbed_by_links
     assert ends == stage.photons + stage.split_by_links
     assert (stage.absorbed_by_links > 0) == (stage.photons > 0)
+
+
+@pytest.mark.parametrize(
+    "lamp",
+    [distant(300.0), distant(300.0, 0.4), dome(100.0), replace(LAMP, shape="mesh", path=TABLE)],
+    ids=["parallel light", "a wide cone", "dome", "mesh"],
+)
+def test_light_from_afar_and_from_meshes_is_linked(lamp):
+    """Lit alone, a mesh gets as much by photons as by shadow rays, and the others get nothing."""
+    meshes = [
+        surface(rectangle((-1, -1, -1), (2, 0, 0), (0, 2, 0), 0.25), path=ROOM),
+        replace(MESHES[1], emission=np.full((1, 3), 100.0, np.float32)),
+        surface(rectangle((0.5, 0.5, 0.5), (0.3, 0, 0), (0, 0.3, 0), 0.1), path=BALL),
+    ]
+    lamps = [linked(lamp, lit={ROOM}, shadow={ROOM, BALL})]
+    photons = traced(meshes, lamps)
+    by_photons = of_mesh(photons.scene, photons.hits[:, 0] * photons.photon_flux)
+    assert not np.concatenate(by_photons[1:]).any()
+    assert not np.concatenate(of_mesh(photons.scene, direct_light(photons.scene))[1:]).any()
+    # On an even grid, in which the shadow is 12 by 12 of 6400 points.
+    along = (np.arange(80) + 0.5) / 40 - 1
+    x, y = np.meshgrid(along, along)
+    found = _core.DirectLighting(photons.scene, 1, 0.01).illuminate(
+        np.stack([x, y, np.full_like(x, -1)], axis=-1).reshape(-1, 3),
+        np.tile(np.array([0, 0, 1], np.float32), (6400, 1)),
+        NONE,
+        2,
+        np.zeros(6400, np.int32),
+    )
+    by_rays = 4 * (found["illuminance"] @ LUMINANCE_WEIGHTS).mean()
+    sigma = np.sqrt(by_photons[0].sum() * photons.photon_flux)
+    assert by_rays == pytest.approx(by_photons[0].sum(), abs=4 * sigma + 2e-3 * by_rays)

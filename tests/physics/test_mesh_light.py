@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from usd_scenes.furnace_sphere.generate import icosphere
 from usd_scenes.shapes import box, rectangle
 
 from core_scenes import build, luminaire, shining, surface, trace
@@ -56,6 +57,25 @@ def test_both_sides_of_a_double_sided_mesh_shine():
     assert not above.any()
 
 
+@pytest.mark.parametrize("subdivisions", [2, 4])
+def test_a_shining_sphere_of_triangles_is_a_spherical_luminaire(subdivisions):
+    """As bright as a sphere of its area; 320 and 5120 luminaires; the error told is true."""
+    shape = icosphere(subdivisions)
+    shape = replace(shape, points=shape.points * 0.3)
+    sphere = shining(shape.moved(z=1), 500.0)
+    radius = np.sqrt(shape.area() / (4 * np.pi))
+    round_ = luminaire(np.pi * 500 * shape.area(), (0, 0, 1), "sphere", (radius, 0))
+    expected, _ = illuminate(build([FLOOR], [round_]), 0)
+    scene = build([FLOOR, sphere], [of(sphere)])
+    runs = [illuminate(scene, 0, seed) for seed in range(4)]
+    mean = np.mean([lit for lit, _ in runs], axis=0)
+    assert mean.mean() == pytest.approx(expected.mean(), rel=5e-3)
+    assert mean == pytest.approx(expected, rel=0.05)
+    off = np.sqrt(np.mean([(lit - expected) ** 2 for lit, _ in runs]))
+    told = np.sqrt(np.mean([error**2 for _, error in runs]))
+    assert off < 1.5 * told + 2e-3 * expected.mean()
+
+
 def test_photons_of_a_mesh_and_its_shadow_rays_agree():
     """A box that shines, on a floor and past a blocker: direct light by photons and by rays."""
     lamp = shining(box((0.4, 0.3, 0.2), 0.1).turned(x=20, z=30).moved(z=1.6), 500.0)
@@ -86,3 +106,15 @@ def test_a_closed_room_that_shines_everywhere_is_a_furnace(reflectance):
     # Near an edge or a corner a point sees its neighbours aslant: by shadow rays the same.
     lit, _ = illuminate(traced.scene, 0)
     assert lit.mean() == pytest.approx(100 * np.pi, rel=0.01)
+
+
+def test_a_hundred_thousand_triangles_are_one_light():
+    shape = icosphere(6)
+    shape = replace(shape, points=shape.points * 0.3)
+    sphere = shining(shape.moved(z=1), 500.0)
+    assert len(sphere.face_vertex_counts) == 81_920
+    scene = build([FLOOR, sphere], [of(sphere)])
+    lit, _ = illuminate(scene, 0)
+    round_ = luminaire(np.pi * 500 * shape.area(), (0, 0, 1), "sphere", (0.3, 0))
+    expected, _ = illuminate(build([FLOOR], [round_]), 0)
+    assert lit.mean() == pytest.approx(expected.mean(), rel=5e-3)

@@ -1,4 +1,4 @@
-#include "core/dome_lighting.h"
+#include "core/sky_lighting.h"
 
 #include <algorithm>
 #include <bit>
@@ -19,16 +19,28 @@ constexpr std::uint32_t kFirstSamples = 64, kMostSamples = 1024;
 // Variance that n directions that agree leave open, times n³, in units of the squared illuminance:
 // two edges for each radian of a dome, of which DirectLighting's figure is missed.
 constexpr double kMissedVariance = 1.0;
+// Half the angle of a cone from which on its shadow rays are counted like a dome's, rad.
+constexpr double kWide = 0.05;
 
 } // namespace
 
-DomeLighting::DomeLighting(const Luminaire& luminaire, const RayCaster& caster)
-    : luminaire_(luminaire), dome_(std::get<DomeLuminaire>(luminaire.shape)), caster_(caster) {}
+SkyLighting::SkyLighting(const Luminaire& luminaire, const RayCaster& caster)
+    : luminaire_(luminaire), distant_(std::get_if<DistantLuminaire>(&luminaire.shape)),
+      dome_(std::get_if<DomeLuminaire>(&luminaire.shape)), caster_(caster) {}
 
-DomeLighting::Found DomeLighting::illuminate(const Receiver& receiver, std::uint64_t key,
-                                             const std::function<double(double)>& allowed) {
-    const Vec3d normal = luminaire_.to_local(receiver.normal.as<double>());
-    const Vec3d unoccluded = dome_.luminance->illuminance(normal);
+bool SkyLighting::is_wide(const Luminaire& luminaire) {
+    const auto* distant = std::get_if<DistantLuminaire>(&luminaire.shape);
+    return distant != nullptr ? distant->half_angle > kWide
+                              : std::holds_alternative<DomeLuminaire>(luminaire.shape);
+}
+
+SkyLighting::Found SkyLighting::illuminate(const Receiver& receiver, std::uint64_t key,
+                                           const std::function<double(double)>& allowed) {
+    const Vec3d normal = receiver.normal.as<double>();
+    const Vec3d unoccluded =
+        distant_ != nullptr
+            ? luminaire_.colour.as<double>() * distant_->illuminance(luminaire_.z, normal)
+            : dome_->luminance->illuminance(luminaire_.to_local(normal));
     if (luminance(unoccluded) <= 0.0 || !luminaire_.lights(receiver.mesh)) {
         return {};
     }
@@ -49,42 +61,55 @@ DomeLighting::Found DomeLighting::illuminate(const Receiver& receiver, std::uint
     return found;
 }
 
+SkyLighting::Direction SkyLighting::distant_direction(const Vec3d& normal, double u,
+                                                      double v) const {
+    const Vec3d to_light = distant_->direction(luminaire_.z, u, v);
+    const double weight = std::max(0.0, dot(to_light, normal));
+    return {to_light, luminaire_.colour * static_cast<float>(weight)};
+}
+
 // The first half of the square is for directions by cosine, the other for those by luminance; each
 // counts by the density of both.
-void DomeLighting::add_samples(const Receiver& receiver, std::uint64_t scramble,
-                               std::uint32_t count) {
-    const DomeLuminance& map = *dome_.luminance;
+SkyLighting::Direction SkyLighting::dome_direction(const Vec3d& normal, double u, double v) const {
+    const DomeLuminance& map = *dome_->luminance;
+    const bool by_cosine = map.is_constant() || u < 0.5;
+    Vec3d direction; // world space
+    Vec3f colour;
+    double density = 0.0;
+    if (by_cosine) {
+        const double share = map.is_constant() ? u : 2.0 * u;
+        const double r = std::sqrt(share);
+        const auto [s, t] = tangents(normal);
+        direction = s * (r * std::cos(2.0 * kPi * v)) + t * (r * std::sin(2.0 * kPi * v)) +
+                    normal * std::sqrt(1.0 - share);
+        colour = map.luminance(luminaire_.to_local(direction));
+        density = static_cast<double>(luminance(colour)) / luminance(map.flux_density());
+    } else {
+        const auto sample = map.sample(2.0 * u - 1.0, v);
+        direction = luminaire_.to_world(sample.direction);
+        colour = sample.luminance;
+        density = sample.density;
+    }
+    const double cosine = std::max(0.0, dot(direction, normal));
+    density = map.is_constant() ? cosine / kPi : 0.5 * (density + cosine / kPi);
+    return {direction, colour * static_cast<float>(cosine > 0.0 ? cosine / density : 0.0)};
+}
+
+void SkyLighting::add_samples(const Receiver& receiver, std::uint64_t scramble,
+                              std::uint32_t count) {
     const Vec3d normal = receiver.normal.as<double>();
-    const auto [s, t] = tangents(normal);
     const Vec3f local = (receiver.position - caster_.origin()).as<float>();
     const Vec3f from = local + receiver.normal * caster_.offset(local, 0.0F);
-    const double photometric = luminance(map.flux_density());
+    const SceneEntry& entry = distant_ != nullptr ? *distant_->entry : *dome_->entry;
     rays_.clear();
     of_ray_.clear();
     for (auto i = static_cast<std::uint32_t>(samples_.size()); i < count; ++i) {
         const auto [u, v] = sobol_point(i, scramble);
-        Vec3d direction; // world space
-        Vec3f colour;
-        double density = 0.0;
-        if (map.is_constant() || u < 0.5) {
-            const double share = map.is_constant() ? u : 2.0 * u;
-            const double r = std::sqrt(share);
-            direction = s * (r * std::cos(2.0 * kPi * v)) + t * (r * std::sin(2.0 * kPi * v)) +
-                        normal * std::sqrt(1.0 - share);
-            colour = map.luminance(luminaire_.to_local(direction));
-            density = static_cast<double>(luminance(colour)) / photometric;
-        } else {
-            const auto sample = map.sample(2.0 * u - 1.0, v);
-            direction = luminaire_.to_world(sample.direction);
-            colour = sample.luminance;
-            density = sample.density;
-        }
-        const double cosine = std::max(0.0, dot(direction, normal));
-        density = map.is_constant() ? cosine / kPi : 0.5 * (density + cosine / kPi);
-        const double weight = cosine > 0.0 ? cosine / density : 0.0;
-        samples_.push_back({colour * static_cast<float>(weight), 0.0F});
-        if (weight > 0.0 && colour != Vec3f{}) {
-            const Vec3d end = dome_.entry->beyond(receiver.position, direction);
+        const auto [to_light, light] =
+            distant_ != nullptr ? distant_direction(normal, u, v) : dome_direction(normal, u, v);
+        samples_.push_back({light, 0.0F});
+        if (light != Vec3f{}) {
+            const Vec3d end = entry.beyond(receiver.position, to_light);
             rays_.push_back(
                 {from, (end - receiver.position).as<float>(), 0.0F, luminaire_.shadow_meshes()});
             of_ray_.push_back(i);
@@ -110,7 +135,7 @@ void DomeLighting::add_samples(const Receiver& receiver, std::uint64_t scramble,
 // The variance of a stratified sum by the contrasts of two by two neighbouring strata, which what
 // changes evenly along a row or a column of them has no part in [after collapsed strata, Cochran
 // 1977, §5A.12]: no less than the true one.
-DomeLighting::Found DomeLighting::estimate(const Vec3d& unoccluded) {
+SkyLighting::Found SkyLighting::estimate(const Vec3d& unoccluded) {
     Vec3d all, seen;
     for (const Sample& sample : samples_) {
         all += sample.light.as<double>();

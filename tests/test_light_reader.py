@@ -326,8 +326,10 @@ def test_a_sheared_rect_shines_along_its_normal_with_its_own_area():
         (light("SphereLight", transform=scaled(1, 1, 0)), "SphereLight"),
         (shaped("DiskLight", "float inputs:shaping:cone:angle = 0"), "DiskLight"),
         (absolute("SphereLight", ISOTROPIC + "float inputs:isolux:dimming = 0"), "SphereLight"),
-        ('def DistantLight "Lamp" {\n}', "DistantLight"),
-        ('def DomeLight "Lamp" {\n}', "DomeLight"),
+        ('def DistantLight "Lamp" {\nfloat inputs:intensity = 0\n}', "DistantLight"),
+        ('def DomeLight "Lamp" {\ncolor3f inputs:color = (0, 0, 0)\n}', "DomeLight"),
+        ('def PortalLight "Lamp" {\n}', "PortalLight"),
+        ('def GeometryLight "Lamp" {\n}', "GeometryLight"),
     ],
 )
 def test_a_light_without_a_part_is_dropped_by_name(text, kind):
@@ -340,6 +342,19 @@ def test_a_light_without_a_part_is_dropped_by_name(text, kind):
 def test_a_zero_area_light_with_normalize_is_a_point_of_known_flux():
     text = light("SphereLight", "bool inputs:normalize = 1").replace("radius = 0.5", "radius = 0")
     assert only_light(text).luminous_flux == pytest.approx(np.pi)
+
+
+@pytest.mark.parametrize(
+    ("kind", "hint", "size", "area"),
+    [
+        ("SphereLight", "treatAsPoint", (0, 0), SPHERE_AREA),
+        ("CylinderLight", "treatAsLine", (0, 3), CYLINDER_AREA),
+    ],
+)
+def test_a_light_treated_as_thin_keeps_its_flux(kind, hint, size, area):
+    lamp = only_light(light(kind, f"bool {hint} = 1"))
+    np.testing.assert_allclose(lamp.size, size)
+    assert lamp.luminous_flux == pytest.approx(np.pi * area)
 
 
 @pytest.mark.parametrize(
@@ -376,11 +391,9 @@ def test_a_broken_photometric_file_is_named_beside_its_prim(tmp_path):
     ("inputs", "kind"),
     [
         ("float inputs:diffuse = 0.5", "inputs:diffuse"),
-        ("bool inputs:shadow:enable = 0", "inputs:shadow:enable"),
+        ("color3f inputs:shadow:color = (0, 0, 1)", "inputs:shadow:color"),
         ("asset inputs:texture:file = @map.png@", "inputs:texture:file"),
         ("rel light:filters = </Gobo>", "light:filters"),
-        ("rel collection:lightLink:excludes = </Wall>", "lightLink"),
-        ("uniform bool collection:shadowLink:includeRoot = 0", "shadowLink"),
     ],
 )
 def test_unphysical_controls_are_reported(inputs, kind):

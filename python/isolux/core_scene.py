@@ -69,6 +69,7 @@ def build_core_scene(
         )
     meshes = {mesh.path: mesh for mesh in scene.meshes}
     links = _LightLinks(scene.meshes)
+    meshes = {mesh.path: mesh for mesh in scene.meshes}
     for luminaire in scene.luminaires:
         if luminaire.shape == "mesh":
             _add_mesh_luminaire(builder, meshes[luminaire.path], links.of(luminaire))

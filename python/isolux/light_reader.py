@@ -14,10 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
+from .environment_map import read_texels
 from .errors import PhotometryError, SceneError
+from .infinite_lights import DOMES, read_distant, read_dome, read_portal
+from .light_inputs import channels, light_kind, number, read_colour, read_luminance
 from .light_shaping import Shaping, mirrored, scaled_vertically, shaped_diagram, turned
 from .photometry import LARGEST_FILE, inline_diagram, luminous_flux, read_photometric_bytes
-from .reading_context import NO_TRANSFORM, ReadingContext, read_asset, triple
+from .reading_context import NO_TRANSFORM, ReadingContext, read_asset
 from .scene_description import GoniometricDiagram, LuminaireDescription, LuminaireShape
 from .solution import LUMINANCE_WEIGHTS
 
@@ -27,6 +30,8 @@ SHAPES: dict[str, LuminaireShape] = {
     "RectLight": "rect",
     "CylinderLight": "cylinder",
 }
+# What reads the lights that shine from infinitely far.
+INFINITE = {"DistantLight": read_distant} | dict.fromkeys(DOMES, read_dome)
 # Scales of one light that differ by less are one scale.
 UNEQUAL_SCALE = 1e-3
 # C angle at which C0 of an absolute diagram lies, rad, by inputs:isolux:c0Axis.
@@ -34,9 +39,11 @@ C0_AXES = {"+X": 0.0, "+Y": np.pi / 2, "-X": np.pi, "-Y": 3 * np.pi / 2}
 # Inputs without a part in the solution: what they are worth where they change nothing.
 IGNORED_INPUTS = {
     "inputs:diffuse": (1.0, "a scale on diffuse response isn't physical"),
-    "inputs:shadow:enable": (True, "every luminaire casts shadows"),
-    "inputs:texture:file": (Sdf.AssetPath(), "its texture is not read: one luminance all over"),
+    "inputs:shadow:color": ((0, 0, 0), "a shadow has no colour of its own"),
+    "inputs:shadow:distance": (-1.0, "shadows fall as far as light goes"),
 }
+# Hints that one of a light's sizes may be left out; its flux stays.
+TREATED_AS_THIN = {"SphereLight": "treatAsPoint", "CylinderLight": "treatAsLine"}
 # Inputs that absolute photometry leaves no part, with their fallbacks.
 RELATIVE_INPUTS = {
     "inputs:intensity": 1.0,
@@ -68,14 +75,23 @@ def read_light(prim: Usd.Prim, context: ReadingContext) -> LuminaireDescription 
     Raises SceneError where its inputs are no numbers, PhotometryError where its photometric
     file or inline diagram can't be used.
     """
-    if prim.GetTypeName() not in SHAPES:
-        context.note(prim, _light_kind(prim), "skipped", "this kind of light is not read yet")
+    kind = prim.GetTypeName()
+    if kind in INFINITE or kind == "PortalLight":
+        _note_what_is_not_read(prim, context)
+        return (
+            read_portal(prim, context) if kind == "PortalLight" else INFINITE[kind](prim, context)
+        )
+    if prim.IsA(UsdGeom.Gprim) and light_kind(prim) != "VolumeLightAPI":
+        _note_what_is_not_read(prim, context)
+        return None  # with its surface, see mesh_lights
+    if kind not in SHAPES:
+        context.note(prim, light_kind(prim), "skipped", "this kind of light is not read")
         return None
     placement = _read_placement(prim, context)
     if placement is None:
         return None
     _note_what_is_not_read(prim, context)
-    colour = _read_colour(prim, context)
+    colour = read_colour(prim, context) * _texture_colour(prim, context)
     is_absolute = "IsoluxLuminaireAPI" in prim.GetPrimTypeInfo().GetAppliedAPISchemas()
     read_emission = _absolute_emission if is_absolute else _usdlux_emission
     emission = read_emission(prim, placement, colour, context)
@@ -83,7 +99,7 @@ def read_light(prim: Usd.Prim, context: ReadingContext) -> LuminaireDescription 
         return None
     flux, diagram = emission
     if flux <= 0 or colour @ LUMINANCE_WEIGHTS <= 0:
-        context.note(prim, _light_kind(prim), "skipped", "its luminous flux is zero or negative")
+        context.note(prim, light_kind(prim), "skipped", "its luminous flux is zero or negative")
         return None
     return LuminaireDescription(
         path=str(prim.GetPath()),
@@ -97,33 +113,10 @@ def read_light(prim: Usd.Prim, context: ReadingContext) -> LuminaireDescription 
     )
 
 
-def _light_kind(prim: Usd.Prim) -> str:
-    """The light's type, or the API that makes a light of a surface."""
-    return "LightAPI" if prim.IsA(UsdGeom.Gprim) else str(prim.GetTypeName()) or "LightAPI"
-
-
-def _number(prim: Usd.Prim, name: str, default: float, context: ReadingContext) -> float:
-    """A float input; raises SceneError where it is NaN or infinite."""
-    value = float(context.value(prim, name, default))
-    if not np.isfinite(value):
-        raise SceneError(str(prim.GetPath()), f"{name} = {value}", "a finite number")
-    return value
-
-
-def _channels(
-    prim: Usd.Prim, name: str, default: tuple[float, float, float], context: ReadingContext
-) -> NDArray[np.float64]:
-    """(3,) float64, a colour input; raises SceneError where a channel is negative or no number."""
-    colour = np.array(context.value(prim, name, default), float)
-    if not np.isfinite(colour).all() or (colour < 0).any():
-        raise SceneError(str(prim.GetPath()), f"{name} = {triple(colour)}", "channels of 0 or more")
-    return colour
-
-
 def _read_placement(prim: Usd.Prim, context: ReadingContext) -> Placement | None:
     """Where a light is; None, with a finding, where its transform is singular."""
     to_world = context.world_matrix(prim)
-    kind = _light_kind(prim)
+    kind = light_kind(prim)
     if to_world is None:
         context.note(prim, kind, "skipped", NO_TRANSFORM)
         return None
@@ -137,7 +130,7 @@ def _read_placement(prim: Usd.Prim, context: ReadingContext) -> Placement | None
     axis_z = normal / breadth * (-1 if is_mirrored else 1)
     axes = np.array([axis_x, np.cross(axis_z, axis_x), axis_z])
 
-    radius = _number(prim, "inputs:radius", 0.5, context)
+    radius = number(prim, "inputs:radius", 0.5, context)
     shape = SHAPES[kind]
     if shape == "sphere":
         scales = [scale_x, scale_y, scale_z]
@@ -149,13 +142,13 @@ def _read_placement(prim: Usd.Prim, context: ReadingContext) -> Placement | None
         area = np.pi * size[0] ** 2
     elif shape == "rect":
         scales = []
-        width = _number(prim, "inputs:width", 1.0, context)
-        height = _number(prim, "inputs:height", 1.0, context)
+        width = number(prim, "inputs:width", 1.0, context)
+        height = number(prim, "inputs:height", 1.0, context)
         size = np.array([width * scale_x, height * breadth / scale_x])
         area = size[0] * size[1]
     else:
         scales = [scale_y, scale_z]
-        length = _number(prim, "inputs:length", 1.0, context)
+        length = number(prim, "inputs:length", 1.0, context)
         size = np.array([radius * np.mean(scales), length * scale_x])
         area = 2 * np.pi * size[0] * size[1]
     if (size < 0).any():
@@ -167,6 +160,8 @@ def _read_placement(prim: Usd.Prim, context: ReadingContext) -> Placement | None
         context.note(prim, kind, "approximated", reason)
     if breadth < scale_x * scale_y * (1 - UNEQUAL_SCALE):
         context.note(prim, kind, "approximated", "sheared: read without its shear")
+    if kind in TREATED_AS_THIN and context.value(prim, TREATED_AS_THIN[kind], False):
+        size[0] = 0.0
     metres = context.meters_per_unit
     return Placement(
         shape, to_world[3, :3] * metres, axes, size * metres, float(area) * metres**2, is_mirrored
@@ -180,43 +175,33 @@ def _note_what_is_not_read(prim: Usd.Prim, context: ReadingContext) -> None:
     light = UsdLux.LightAPI(prim)
     if light.GetFiltersRel().GetTargets():
         context.note(prim, "light:filters", "approximated", "its light filters are not read")
-    for name in ("lightLink", "shadowLink"):
-        linked = Usd.CollectionAPI(prim, name)
-        restricted = any(
-            relationship.GetTargets()
-            for relationship in (linked.GetIncludesRel(), linked.GetExcludesRel())
-        )
-        if restricted or linked.GetIncludeRootAttr().Get() is False:
-            reason = "light linking is not physical: it lights and shadows everything"
-            context.note(prim, name, "approximated", reason)
     inputs = [a for a in prim.GetAttributes() if a.GetName().startswith("inputs:")]
     context.note_animation(prim, inputs)
 
 
-def _read_colour(prim: Usd.Prim, context: ReadingContext) -> NDArray[np.float64]:
-    """(3,) float64 colour × blackbody, linear Rec. 709, not normalised."""
-    colour = _channels(prim, "inputs:color", (1, 1, 1), context)
-    if context.value(prim, "inputs:enableColorTemperature", False):
-        temperature = _number(prim, "inputs:colorTemperature", 6500.0, context)
-        colour = colour * np.array(UsdLux.BlackbodyTemperatureAsRgb(temperature))
-    return colour
+def _texture_colour(prim: Usd.Prim, context: ReadingContext) -> NDArray[np.float64]:
+    """(3,) float64, the mean of a RectLight's texture; ones where it has none."""
+    asset = context.value(prim, "inputs:texture:file", Sdf.AssetPath())
+    if not asset.path:
+        return np.ones(3)
+    try:
+        mean = read_texels(asset).mean(axis=(0, 1), dtype=np.float64)
+        reason = "its texture's mean, one luminance all over"
+    except SceneError as error:
+        mean, reason = np.ones(3), f"{asset.path}, {error.found}: one luminance all over"
+    context.note(prim, "inputs:texture:file", "approximated", reason)
+    return mean
 
 
 def _usdlux_emission(
     prim: Usd.Prim, placement: Placement, colour: NDArray[np.float64], context: ReadingContext
 ) -> tuple[float, GoniometricDiagram | None] | None:
     """Luminous flux (lm) and far field of a plain UsdLux light; None where it has no area."""
-    intensity = _number(prim, "inputs:intensity", 1.0, context)
-    exposure = _number(prim, "inputs:exposure", 0.0, context)
-    with np.errstate(over="ignore"):
-        luminance = float(intensity * np.exp2(exposure) * (colour @ LUMINANCE_WEIGHTS))
-    if not np.isfinite(luminance):
-        found = f"intensity {intensity:g}, exposure {exposure:g}"
-        raise SceneError(str(prim.GetPath()), found, "a finite luminance")
+    luminance = float(read_luminance(prim, colour, context) @ LUMINANCE_WEIGHTS)
     normalised = context.value(prim, "inputs:normalize", False)
     if not normalised and placement.area == 0:
         reason = "no area to shine from: needs a size, normalize or IsoluxLuminaireAPI"
-        context.note(prim, _light_kind(prim), "skipped", reason)
+        context.note(prim, light_kind(prim), "skipped", reason)
         return None
     # Normalised, the luminance is over the area in stage units, which leaves m² per unit².
     area = context.meters_per_unit**2 if normalised else placement.area
@@ -239,21 +224,21 @@ def _read_shaping(prim: Usd.Prim, context: ReadingContext) -> Shaping:
             mean = _integrate(profile) / (4 * np.pi)
             candela = profile.candela / mean if mean > 0 else profile.candela
             profile = GoniometricDiagram(profile.gamma, profile.c_angles, candela)
-        scale = _number(prim, "inputs:shaping:ies:angleScale", 0.0, context)
+        scale = number(prim, "inputs:shaping:ies:angleScale", 0.0, context)
         profile = scaled_vertically(profile, scale)
     cone = prim.GetAttribute("inputs:shaping:cone:angle")
     # The fallback of 90° would cut off a profile's uplight.
     has_cone = cone.HasAuthoredValue() or (profile is None and cone.HasValue())
-    angle = np.radians(_number(prim, "inputs:shaping:cone:angle", 90.0, context))
-    tint = _channels(prim, "inputs:shaping:focusTint", (0, 0, 0), context)
-    focus = _number(prim, "inputs:shaping:focus", 0.0, context)
+    angle = np.radians(number(prim, "inputs:shaping:cone:angle", 90.0, context))
+    tint = channels(prim, "inputs:shaping:focusTint", (0, 0, 0), context)
+    focus = number(prim, "inputs:shaping:focus", 0.0, context)
     if focus > 0 and np.ptp(tint) > 0:
         reason = "tints by direction: taken by its luminance"
         context.note(prim, "shaping:focusTint", "approximated", reason)
     return Shaping(
         cone_angle=float(max(angle, 0.0)) if has_cone and angle < np.pi else None,
         cone_softness=float(
-            np.clip(_number(prim, "inputs:shaping:cone:softness", 0.0, context), 0, 1)
+            np.clip(number(prim, "inputs:shaping:cone:softness", 0.0, context), 0, 1)
         ),
         focus=focus,
         focus_tint=float(tint @ LUMINANCE_WEIGHTS),
@@ -270,8 +255,8 @@ def _absolute_emission(
             reason = "does not apply to absolute photometry; inputs:isolux:dimming does"
             context.note(prim, name, "noted", reason)
     path = str(prim.GetPath())
-    declared = _number(prim, "inputs:isolux:luminousFlux", 0.0, context)
-    dimming = _number(prim, "inputs:isolux:dimming", 1.0, context)
+    declared = number(prim, "inputs:isolux:luminousFlux", 0.0, context)
+    dimming = number(prim, "inputs:isolux:dimming", 1.0, context)
     for name, value in (("luminousFlux", declared), ("dimming", dimming)):
         if value < 0:
             raise SceneError(path, f"inputs:isolux:{name} = {value:g}", "0 or more")

@@ -5,6 +5,8 @@ A shape shines with its mean luminance to all directions, whatever its goniometr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -71,6 +73,23 @@ def mean_luminance(luminaire: LuminaireDescription) -> NDArray[np.float64]:
     returns : (3,) float64, cd/m² by channel
     """
     return luminaire.colour * luminaire.luminous_flux / (np.pi * luminaire_area(luminaire))
+
+
+def dome_luminance(
+    domes: Sequence[LuminaireDescription], directions: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Luminance of all domes in unit directions, cd/m² by channel; both (n, 3) float32."""
+    out = np.zeros(directions.shape, np.float32)
+    for dome in domes:
+        assert dome.environment is not None
+        x, y, z = (directions @ dome.axes.T).T
+        height, width = dome.environment.shape[:2]
+        row = (0.5 - np.arcsin(np.clip(y, -1, 1)) / np.pi) * height
+        column = (0.5 - np.arctan2(x, z) / (2 * np.pi)) * width
+        out += dome.environment[
+            np.clip(row.astype(int), 0, height - 1), np.clip(column.astype(int), 0, width - 1)
+        ]
+    return out
 
 
 def _between_rings(rings: int) -> NDArray[np.int64]:

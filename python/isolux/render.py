@@ -6,6 +6,7 @@ traced here. Luminaires are shown as shapes of their mean luminance.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from .cage_results import cage_corner_values, cage_face_means
 from .camera import Camera, framing_candidates, stage_camera
 from .core_scene import mesh_triangles
 from .errors import SceneError, SettingsError
-from .luminaire_shapes import luminaire_triangles, mean_luminance
+from .luminaire_shapes import dome_luminance, luminaire_triangles, mean_luminance
 from .mesh_topology import MeshTopology
 from .refined_results import SOURCE_FACE
 from .report import recorded_settings
@@ -48,7 +49,7 @@ class Picture:
     """Luminance seen by a camera.
 
     rgb : (H, W, 3) float32, cd/m² by channel (linear Rec. 709), weighted by coverage
-    coverage : (H, W) float32, share of the pixel that shows a surface, 0 to 1
+    coverage : (H, W) float32, share of the pixel that shows a surface or a dome, 0 to 1
     camera : prim path; empty where the camera was framed on the interior
     time : time code of the shown progressive stage; None: the default time
     """
@@ -88,7 +89,8 @@ def render_picture(
     if seen_by is None:
         seen_by = frame_interior(surfaces, scene.up_axis)
     height = max(1, round(width / seen_by.aspect_ratio))
-    rgb, coverage = _cast_picture(surfaces, seen_by, width, height, samples)
+    domes = [light for light in scene.luminaires if light.shape == "dome"]
+    rgb, coverage = _cast_picture(surfaces, seen_by, width, height, samples, domes)
     return Picture(rgb, coverage, seen_by.path, time)
 
 
@@ -116,17 +118,28 @@ def _lit_places(surfaces: VisibleSurfaces, camera: Camera) -> float:
 
 
 def _cast_picture(
-    surfaces: VisibleSurfaces, camera: Camera, width: int, height: int, samples: int
+    surfaces: VisibleSurfaces,
+    camera: Camera,
+    width: int,
+    height: int,
+    samples: int,
+    domes: Sequence[LuminaireDescription],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     rgb = np.zeros((height, width, 3), np.float32)
     coverage = np.zeros((height, width), np.float32)
     rows_at_once = max(1, _RAYS_AT_ONCE // (width * samples))
     for first in range(0, height, rows_at_once):
         rows = slice(first, min(first + rows_at_once, height))
-        sight = surfaces.see(*camera.rays(*_pixel_places(width, height, rows, samples)))
+        origins, directions = camera.rays(*_pixel_places(width, height, rows, samples))
+        sight = surfaces.see(origins, directions)
         by_pixel = (rows.stop - rows.start, width, samples)
-        rgb[rows] = surfaces.luminance(sight).reshape(*by_pixel, 3).mean(axis=2)
-        coverage[rows] = (sight.side >= 0).reshape(by_pixel).mean(axis=2)
+        luminance = surfaces.luminance(sight)
+        if domes:
+            beyond = sight.side < 0
+            luminance[beyond] = dome_luminance(domes, directions[beyond])
+        rgb[rows] = luminance.reshape(*by_pixel, 3).mean(axis=2)
+        covered = (sight.side >= 0) | bool(domes)
+        coverage[rows] = covered.reshape(by_pixel).mean(axis=2)
     return rgb, coverage
 
 

@@ -17,8 +17,10 @@ from pxr import Ar, Sdf, Usd, UsdGeom, UsdLux, UsdUtils
 from .errors import SceneError
 from .gprim_reader import read_gprim
 from .instancing import InstanceWalk
+from .light_linking import link_luminaires
 from .light_reader import read_light
 from .materials import MaterialReader
+from .mesh_lights import mesh_luminaires, with_light
 from .mesh_reader import read_mesh
 from .old_lights import note_old_inputs
 from .reading_context import ReadingContext
@@ -117,6 +119,7 @@ def _read_prims(
 ) -> tuple[list[MeshDescription], list[LuminaireDescription], list[InstancedPrim]]:
     meshes: list[MeshDescription] = []
     luminaires: list[LuminaireDescription] = []
+    sources: dict[str, str] = {}
     materials = MaterialReader(context)
     walk = InstanceWalk(context, meshes, lambda prim: _skip_subtree(prim, context))
     for placed in walk.prims(stage, DEFINED_PRIMS):
@@ -126,6 +129,7 @@ def _read_prims(
             with skipped_where_unreadable(prim, context):
                 luminaire = read_light(prim, context)
                 if luminaire and is_in_reach(luminaire, prim, context):
+                    sources[placed.path] = luminaire.path
                     luminaires.append(replace(luminaire, path=placed.path))
                     context.count_read(prim)
         if placed.again:
@@ -139,9 +143,11 @@ def _read_prims(
         with skipped_where_unreadable(prim, context):
             mesh = read_shape(prim, context, materials)
             if mesh:
-                meshes.append(placed.mesh(mesh))
+                meshes.append(placed.mesh(with_light(prim, mesh, context)))
                 context.count_read(prim)
-    return meshes, luminaires, walk.instanced
+    luminaires += mesh_luminaires(meshes)
+    sources.update((mesh.path, mesh.source_path) for mesh in meshes if mesh.source_path)
+    return meshes, link_luminaires(stage, luminaires, meshes, sources, context), walk.instanced
 
 
 def _skip_subtree(prim: Usd.Prim, context: ReadingContext) -> bool:

@@ -38,6 +38,8 @@ def layouts_of(scene: SceneDescription) -> dict[str, MeshLayout]:
             mesh.double_sided,
             mesh.flip_winding,
         )
+    lamp = np.zeros(3), np.eye(3), np.zeros(2), np.ones(3)  # a scene has light
+    builder.add_luminaire("sphere", *lamp, 1.0, None)
     return {
         mesh.path: MeshLayout(slice(begin, middle), slice(middle, end), corners)
         for mesh, (begin, middle, end, corners) in zip(

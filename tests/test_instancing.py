@@ -218,7 +218,7 @@ def baked(folder, name, prototypes, contents, instances="expand"):
     stage = Usd.Stage.Open(str(source))
     scene = isolux.read_stage(stage)
     output = folder / f"{name}.isolux.usda"
-    writer = ResultsWriter(stage, output, scene, {}, instances)
+    writer = ResultsWriter(stage, output, scene, {}, instances=instances)
     for solution in isolux.ProgressiveSolver(scene, SETTINGS).stages():
         writer.write(solution)
     return Usd.Stage.Open(str(output)), scene
@@ -578,7 +578,7 @@ def test_a_real_stage_lit_in_memory_is_baked(
     lamp.CreateRadiusAttr(0.05 * box.GetSize().GetLength())
     lamp.AddTranslateOp().Set(box.GetMax() + 0.2 * box.GetSize())
     scene = isolux.read_stage(stage)
-    writer = ResultsWriter(stage, tmp_path / "out.usda", scene, {}, instances)
+    writer = ResultsWriter(stage, tmp_path / "out.usda", scene, {}, instances=instances)
     settings = replace(SETTINGS, method="dept", photons=20_000, stages=2)
     for solution in isolux.ProgressiveSolver(scene, settings).stages():
         writer.write(solution)

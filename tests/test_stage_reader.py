@@ -217,9 +217,9 @@ REAL_STAGES = {
     "Autodesk+arnold-usd/testsuite/test_0206/data/scene.usda": (9, 0),
     "usd-wg+assets/intent-vfx/scenes/teapotScene_layout.usd": (1000, 0),
     "PixarAnimationStudios+OpenUSD/pxr/usdImaging/usdImagingGL/testenv/"
-    "testUsdImagingGLPointInstancer/pi_pi_xform.usda": (4, 0),
+    "testUsdImagingGLPointInstancer/pi_pi_xform.usda": (4, 1),
     "PixarAnimationStudios+OpenUSD/pxr/usd/usdLux/testenv/testUsdLuxLightListAPI/"
-    "root_with_instances.usda": (3, 2),
+    "root_with_instances.usda": (3, 3),
     "NVIDIA-Omniverse+usd-optimize/source/tests/data/maxDataVolumePartial.usdc": (51, 0),
     "NVIDIA-Omniverse+usd-optimize/source/tests/data/purpose.usda": (6, 0),
     "OndrejSzekely+openusd_learning_path/nvidia_learning_path/composition_arcs/inherits/activity/"

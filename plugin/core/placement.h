@@ -5,7 +5,8 @@
 
 namespace isolux {
 
-// p goes to x * p.x + y * p.y + z * p.z + at: the rows of a matrix for row vectors, as USD has them.
+// p goes to x * p.x + y * p.y + z * p.z + at: the rows of a matrix for row vectors, as USD has
+// them.
 struct Placement {
     Vec3d x{1, 0, 0}, y{0, 1, 0}, z{0, 0, 1}, at;
 

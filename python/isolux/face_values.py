@@ -257,7 +257,7 @@ class FaceValues:
     def _signed_areas(
         self, corners: NDArray[np.int64], owners: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        authored = self._context.value(self._prim, "points", ())
+        authored = self._context.value(self._prim, "points", [])
         points = np.asarray(authored, np.float64).reshape(-1, 3)
         if len(points) != self._topology.point_count or not np.isfinite(points).all():
             return np.ones(len(owners))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import weakref
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -87,8 +88,10 @@ class ReadingContext:
         self._stage = stage
         self._read: Counter[str] = Counter()
         self._noted: dict[tuple[str, FindingAction], set[Sdf.Path]] = {}
-        self.selection = PrimSelection(stage, self)
-        self.skinning = Skinning(self)
+        # Not held in turn: a cycle would keep the stage open.
+        own = weakref.proxy(self)
+        self.selection = PrimSelection(stage, own)
+        self.skinning = Skinning(own)
         self.frame: Frame | None = None
         self._transforms = UsdGeom.XformCache(self.time)
         self._broken: list[Sdf.Path] = []

@@ -1,13 +1,9 @@
 """Polygon meshes: where their points lie, which side is the front, what is wrong with them."""
 
-import time
-
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom, Vt
 
 from isolux.mesh_topology import MeshTopology
-from isolux.stage_reader import read_stage
 from usda_stage import found, read_usda
 
 SQUARE = """
@@ -195,23 +191,3 @@ def test_animated_points_are_read_at_the_asked_time():
 def test_a_skinned_mesh_without_a_skeleton_is_read_in_its_rest_pose():
     scene = read_usda(square("int[] primvars:skel:jointIndices = [0, 0, 0, 0]"))
     assert found(scene) == [("/Square", "SkelBindingAPI", "approximated")]
-
-
-def test_a_million_faces_read_within_seconds():
-    side = 1001
-    x, y = np.meshgrid(np.arange(side), np.arange(side), indexing="ij")
-    points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3).astype(np.float32)
-    corner = (x[:-1, :-1] * side + y[:-1, :-1]).reshape(-1)
-    quads = np.stack([corner, corner + side, corner + side + 1, corner + 1], axis=1)
-    stage = Usd.Stage.CreateInMemory()
-    mesh = UsdGeom.Mesh.Define(stage, "/Grid")
-    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
-    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(quads), 4, np.int32)))
-    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(quads.astype(np.int32).reshape(-1)))
-    mesh.CreateSubdivisionSchemeAttr("none")
-    stage.SetMetadata("metersPerUnit", 1.0)
-    started = time.perf_counter()
-    scene = read_stage(stage)
-    seconds = time.perf_counter() - started
-    assert len(scene.meshes[0].face_vertex_counts) == 1_000_000
-    assert seconds < 5

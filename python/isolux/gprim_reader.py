@@ -70,6 +70,7 @@ def read_gprim(
         flip_winding=left_handed != mirrored,
         opacity=surfaces.opacity,
         emission=surfaces.emission,
+        to_world=context.in_metres(to_world),
     )
 
 

@@ -1,4 +1,4 @@
-"""A mesh in another place: only its points and normals are new."""
+"""A mesh in another place: only its points, its normals and its own space are new."""
 
 from __future__ import annotations
 
@@ -52,4 +52,5 @@ class Motion:
             copy_of=MeshCopy(first.path, first.matrix @ self.matrix)
             if first
             else MeshCopy(mesh.path, self.matrix),
+            to_world=self.matrix if mesh.to_world is None else mesh.to_world @ self.matrix,
         )

@@ -61,6 +61,7 @@ def read_mesh(
         reason = f"a face of {survey.greatest_count} corners, taken as if it were convex"
         context.note(prim, "Mesh", "approximated", reason)
 
+    own_space = context.in_metres(to_world)
     pose = context.skinning.pose(mesh, points, topology)
     if pose:
         to_world = pose.to_world
@@ -105,6 +106,8 @@ def read_mesh(
         flip_winding=flip_winding,
         opacity=surfaces.opacity,
         emission=surfaces.emission,
+        to_world=own_space,
+        is_posed=pose is not None,
     )
     return description if refined is None else on_limit_surface(description, refined)
 

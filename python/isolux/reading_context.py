@@ -162,6 +162,12 @@ class ReadingContext:
         scales = np.linalg.svd(matrix[:3, :3], compute_uv=False)
         return matrix if scales[-1] > SINGULAR_SCALE * scales[0] else None
 
+    def in_metres(self, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A matrix to world space in stage units, as one to world space in metres."""
+        scaled = matrix.copy()
+        scaled[:, :3] *= self.meters_per_unit
+        return scaled
+
     def note_changing_visibility(self, prim: Usd.Prim) -> None:
         """Say that a prim comes and goes, and at which time it is read."""
         visibility = prim.GetAttribute("visibility")

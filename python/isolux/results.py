@@ -137,11 +137,6 @@ class ResultsWriter:
         }
         self._shape_findings: list[Finding] = []
         self._refined_findings: list[Finding] = []
-        self._posed = {
-            finding.path
-            for finding in scene.findings
-            if (finding.kind, finding.action) == ("SkelBindingAPI", "noted")
-        }
         read_at = scene.time_code
         self._time = Usd.TimeCode.EarliestTime() if read_at is None else Usd.TimeCode(read_at)
         self._instances = instances
@@ -392,21 +387,20 @@ class ResultsWriter:
                     prim.RemoveProperty(prim.attributes[name])
         source = self._source_prim(mesh)
         if not source.IsA(UsdGeom.Mesh):
-            alone = stage_of_mesh(source, self._time, mesh)
+            alone = stage_of_mesh(source, mesh)
             source = alone.GetPrimAtPath(mesh.path)
-        is_posed = (mesh.source_path or mesh.path) in self._posed
-        own_normals = mesh.cage is None and not is_posed
-        solved = None if own_normals else local_shape(source, self._time, mesh)
+        own_normals = mesh.cage is None and not mesh.is_posed
+        solved = None if own_normals else local_shape(mesh)
         shown = topology if mesh.cage is None else RefinedCageTopology(topology, mesh.cage)
         self._refined_findings += write_refined_mesh(
-            self._layer, source, mesh.path, self._time, shown, solved, is_posed
+            self._layer, source, mesh.path, self._time, shown, solved, mesh.is_posed
         )
 
     def _write_shape(self, mesh: MeshDescription) -> None:
         """Where the source has a shape and no mesh, make it one."""
         prim = self._source_prim(mesh)
         if prim and not prim.IsA(UsdGeom.Mesh):
-            self._shape_findings += write_as_mesh(self._layer, prim, self._time, mesh)
+            self._shape_findings += write_as_mesh(self._layer, prim, mesh)
 
     def _write_primvars(self, output: MeshOutput | CageOutput, stage: VertexIlluminance) -> None:
         for field, layout, values in output.primvars(stage):

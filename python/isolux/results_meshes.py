@@ -18,17 +18,14 @@ from .scene_description import Finding, MeshDescription
 _Types = Sdf.ValueTypeNames
 
 
-def write_as_mesh(
-    layer: Sdf.Layer, prim: Usd.Prim, time: Usd.TimeCode, mesh: MeshDescription
-) -> list[Finding]:
+def write_as_mesh(layer: Sdf.Layer, prim: Usd.Prim, mesh: MeshDescription) -> list[Finding]:
     """Write a gprim that is no mesh as the polygons that were read of it.
 
     layer : to write into
     prim : on the source stage
-    time : at which the source was read
     returns : primvars of the gprim that a mesh of other points can't have
     """
-    shape = local_shape(prim, time, mesh)
+    shape = local_shape(mesh)
     spec = Sdf.CreatePrimInLayer(layer, mesh.path)
     spec.typeName = "Mesh"
     points = Vt.Vec3fArray.FromNumpy(shape.points)
@@ -48,10 +45,10 @@ def write_as_mesh(
     return _block_primvars(spec, prim)
 
 
-def stage_of_mesh(prim: Usd.Prim, time: Usd.TimeCode, mesh: MeshDescription) -> Usd.Stage:
+def stage_of_mesh(prim: Usd.Prim, mesh: MeshDescription) -> Usd.Stage:
     """The mesh alone, at its path, as `write_as_mesh` writes it."""
     layer = Sdf.Layer.CreateAnonymous(".usda")
-    write_as_mesh(layer, prim, time, mesh)
+    write_as_mesh(layer, prim, mesh)
     return Usd.Stage.Open(layer)
 
 
@@ -67,18 +64,14 @@ class LocalShape:
     corner_normals: NDArray[np.float32] | None
 
 
-def local_shape(prim: Usd.Prim, time: Usd.TimeCode, mesh: MeshDescription) -> LocalShape:
-    """Points and normals of a mesh as a prim at its path has to author them.
-
-    prim : on the source stage, for its transform
-    """
-    to_world = np.array(UsdGeom.XformCache(time).GetLocalToWorldTransform(prim))
-    meters_per_unit = UsdGeom.GetStageMetersPerUnit(prim.GetStage())
-    world = mesh.points / meters_per_unit - to_world[3, :3]
-    points = (world @ np.linalg.inv(to_world[:3, :3])).astype(np.float32)
+def local_shape(mesh: MeshDescription) -> LocalShape:
+    """Points and normals of a mesh as a prim at its path has to author them."""
+    to_world = np.eye(4) if mesh.to_world is None else mesh.to_world
+    linear = to_world[:3, :3]
+    points = ((mesh.points - to_world[3, :3]) @ np.linalg.inv(linear)).astype(np.float32)
     normals = None
     if mesh.corner_normals is not None:
-        turned = mesh.corner_normals @ to_world[:3, :3].T
+        turned = mesh.corner_normals @ linear.T
         turned /= np.linalg.norm(turned, axis=1, keepdims=True)
         normals = turned.astype(np.float32)
     return LocalShape(points, normals)

@@ -54,6 +54,9 @@ class MeshDescription:
         is a point instancer's prototype or part of one; "": path
     copy_of : the earlier mesh that this one is in another place; its arrays are shared but for
         points and corner_normals; None: none
+    to_world : (4, 4) float64, from the space of the prim in the results, stage units, to world
+        space, metres, for row vectors; None: they are the same
+    is_posed : the points are a skeleton's or blend shapes' and not the prim's own
     """
 
     path: str
@@ -70,6 +73,8 @@ class MeshDescription:
     cage: SubdivisionCage | None = None
     source_path: str = ""
     copy_of: MeshCopy | None = None
+    to_world: NDArray[np.float64] | None = None
+    is_posed: bool = False
 
 
 @dataclass(frozen=True, slots=True)

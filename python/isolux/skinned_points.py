@@ -19,7 +19,8 @@ from .mesh_topology import MeshTopology
 if TYPE_CHECKING:
     from .reading_context import ReadingContext
 
-_WITH_INSTANCES = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
+# Prototypes of point instancers may be overs or classes.
+_WITH_PROTOTYPES = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
 _SKINNING_PRIMVARS = ("primvars:skel:jointIndices", "primvars:skel:joints")
 
 
@@ -104,8 +105,8 @@ class Skinning:
         """The skeleton that deforms a prim below a SkelRoot."""
         if root.GetPath() not in self._roots:
             self._roots.add(root.GetPath())
-            self._cache.Populate(root, _WITH_INSTANCES)
-            for binding in self._cache.ComputeSkelBindings(root, _WITH_INSTANCES):
+            self._cache.Populate(root, _WITH_PROTOTYPES)
+            for binding in self._cache.ComputeSkelBindings(root, _WITH_PROTOTYPES):
                 for query in binding.GetSkinningTargets():
                     self._skeletons[query.GetPrim().GetPath()] = binding.GetSkeleton()
         return self._skeletons.get(prim.GetPath())

@@ -1,0 +1,196 @@
+"""Instances of what is no plain mesh: lit as the same stage with every copy written out by hand."""
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import UsdGeom
+
+import isolux
+from cages import CUBE_FACES, CUBE_POINTS, mesh_usda
+from instanced_stages import (
+    LEAN,
+    PLACES,
+    SETTINGS,
+    WEDGE,
+    assert_lit_as_by_hand,
+    baked,
+    by_hand,
+    instance,
+    instancer,
+    matrix,
+    prim,
+    shown_meshes,
+    world_points,
+)
+from isolux.cage_results import BOUNDED_ACCURACY
+from isolux.scene_description import SceneDescription
+
+MOVED = """double3 xformOp:translate = (0.2, 0.1, 0.8)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+"""
+BALL = f'def Sphere "Ball" {{\ndouble radius = 0.15\n{MOVED}}}\n'
+BOX = f"""def Cube "Box" {{
+    double size = 0.3
+    color3f[] primvars:displayColor = [(0.7, 0.4, 0.2)]
+    {MOVED}}}
+"""
+CAGE = mesh_usda(0.2 * CUBE_POINTS * (1, 1.5, 1), CUBE_FACES, MOVED)
+# Bent by 90 degrees at the elbow; its own transform has no part in the pose.
+ARM = """def SkelRoot "Root" {
+    float3 xformOp:rotateXYZ = (0, 0, 30)
+    uniform token[] xformOpOrder = ["xformOp:rotateXYZ"]
+    def Skeleton "Skeleton" ( prepend apiSchemas = ["SkelBindingAPI"] ) {
+        uniform token[] joints = ["Arm", "Arm/Elbow"]
+        uniform matrix4d[] bindTransforms = [
+            ((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,0,0,1)), ((1,0,0,0),(0,1,0,0),(0,0,1,0),(0.2,0,0,1))]
+        uniform matrix4d[] restTransforms = [
+            ((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,0,0,1)), ((1,0,0,0),(0,1,0,0),(0,0,1,0),(0.2,0,0,1))]
+        rel skel:animationSource = <Bend>
+        double3 xformOp:translate = (0.1, 0, 0.9)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        def SkelAnimation "Bend" {
+            uniform token[] joints = ["Arm", "Arm/Elbow"]
+            float3[] translations = [(0, 0, 0), (0.2, 0, 0)]
+            half3[] scales = [(1, 1, 1), (1, 1, 1)]
+            quatf[] rotations = [(1, 0, 0, 0), (0.70710678, 0, 0.70710678, 0)]
+        }
+    }
+    def Mesh "Arm" ( prepend apiSchemas = ["SkelBindingAPI"] ) {
+        rel skel:skeleton = <../Skeleton>
+        int[] faceVertexCounts = [4, 4]
+        int[] faceVertexIndices = [0, 1, 4, 3, 1, 2, 5, 4]
+        point3f[] points = [(0,0,0), (0.2,0,0), (0.4,0,0), (0,0.1,0), (0.2,0.1,0), (0.4,0.1,0)]
+        uniform token subdivisionScheme = "none"
+        uniform bool doubleSided = 1
+        double3 xformOp:translate = (7, 7, 7)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        int[] primvars:skel:jointIndices = [0,1, 0,1, 0,1, 0,1, 0,1, 0,1] (
+            elementSize = 2
+            interpolation = "vertex"
+        )
+        float[] primvars:skel:jointWeights = [1,0, 0.5,0.5, 0,1, 1,0, 0.5,0.5, 0,1] (
+            elementSize = 2
+            interpolation = "vertex"
+        )
+    }
+}
+"""
+SMOOTH_ARM = ARM.replace('"none"', '"catmullClark"')
+GLOWING = """def Mesh "Glowing" ( prepend apiSchemas = ["MeshLightAPI"] ) {
+    float inputs:intensity = 40
+    int[] faceVertexCounts = [3]
+    int[] faceVertexIndices = [0, 1, 2]
+    point3f[] points = [(-0.2, -0.2, 1.2), (0.3, -0.2, 1.25), (0, 0.3, 1.3)]
+    uniform token subdivisionScheme = "none"
+}
+"""
+GLASS = WEDGE.replace("color3f[]", "float[] primvars:displayOpacity = [0.4]\ncolor3f[]")
+MOVES = [(-1, -1, 0), (1, 0.5, 0)]
+
+
+def as_instances(contents: str) -> tuple[str, str, str]:
+    """Prototypes; instances of one with these contents; the same by hand."""
+    return (
+        prim("Model", contents, kind="class Xform"),
+        "".join(instance(f"I{i}", "/Model", place) for i, place in enumerate(PLACES)),
+        "".join(prim(f"I{i}", contents, place) for i, place in enumerate(PLACES)),
+    )
+
+
+def as_points(contents: str) -> tuple[str, str, str]:
+    """The same of a point instancer whose prototype holds these."""
+    return (
+        prim("Group", contents, LEAN, kind="class Xform"),
+        instancer("Field", "/Group", MOVES),
+        prim("Field", by_hand(contents, MOVES, LEAN)),
+    )
+
+
+def as_prototype(gprim: str) -> tuple[str, str, str]:
+    """The same of a point instancer whose prototype is this very prim, named Box."""
+    copies = "".join(
+        gprim.replace('"Box"', f'"Copy{i}"').replace(
+            MOVED, f"matrix4d xformOp:transform = {matrix(move=(0.2, 0.1, 0.8)) * matrix(move=m)}\n"
+            'uniform token[] xformOpOrder = ["xformOp:transform"]\n'
+        )
+        for i, m in enumerate(MOVES)
+    )  # fmt: skip
+    return (gprim, instancer("Field", "/Box", MOVES), prim("Field", copies))
+
+
+FEATURES = {
+    "shapes in instances": as_instances(BALL + BOX + WEDGE),
+    "shapes in point instances": as_points(BALL + BOX + WEDGE),
+    "a shape as the prototype": as_prototype(BOX),
+    "cages in instances": as_instances(CAGE),
+    "cages in point instances": as_points(CAGE),
+    "mesh lights in instances": as_instances(GLOWING + WEDGE),
+    "mesh lights in point instances": as_points(GLOWING + WEDGE),
+    "what light goes through, in instances": as_instances(GLASS),
+    "what light goes through, in point instances": as_points(GLASS),
+    "skinned meshes in instances": as_instances(ARM),
+    "skinned meshes in point instances": as_points(ARM),
+}
+
+
+def assert_same_description(scene: SceneDescription, other: SceneDescription) -> None:
+    """What the solver sees of two stages is the same, but for rounding."""
+    pairs = [*zip(scene.meshes, other.meshes, strict=True)]
+    pairs += zip(scene.luminaires, other.luminaires, strict=True)
+    for one, two in pairs:
+        for name in (field.name for field in fields(one)):
+            if name not in ("cage", "copy_of", "source_path"):
+                found, wanted = getattr(one, name), getattr(two, name)
+                if isinstance(wanted, np.ndarray | float):
+                    found, wanted = np.asarray(found), pytest.approx(wanted, rel=1e-6, abs=1e-6)
+                assert found == wanted, (one.path, name)
+
+
+@pytest.mark.parametrize("case", FEATURES)
+def test_features_in_instances_are_lit_as_by_hand(tmp_path: Path, case: str) -> None:
+    near = 3 * BOUNDED_ACCURACY if "cages" in case else 1e-6
+    _, scene = assert_lit_as_by_hand(tmp_path, *FEATURES[case], photons=False, near=near)
+    by_hand = isolux.read_stage(tmp_path / "by_hand.usda")
+    assert_same_description(scene, by_hand)
+
+
+@pytest.mark.parametrize("case", [case for case in FEATURES if "skinned" not in case])
+def test_the_written_points_of_each_copy_are_the_solvers(tmp_path: Path, case: str) -> None:
+    prototypes, instanced, _ = FEATURES[case]
+    stage, scene = baked(tmp_path, "instanced", prototypes, instanced)
+    meshes = shown_meshes(stage)
+    assert sum(mesh.copy_of is not None for mesh in scene.meshes) >= 1
+    for mesh in scene.meshes:
+        points = world_points(meshes[mesh.path])
+        if mesh.cage is not None:
+            points = mesh.cage.refine().limit_points(points)
+        assert points == pytest.approx(mesh.points, abs=1e-6)
+
+
+@pytest.mark.parametrize("as_copies", [as_instances, as_points])
+@pytest.mark.parametrize("contents", [BALL + BOX, CAGE, ARM, SMOOTH_ARM])
+def test_refined_copies_stand_where_the_solver_saw_them(
+    tmp_path: Path, as_copies: Callable[[str], tuple[str, str, str]], contents: str
+) -> None:
+    """Shapes, limit surfaces, poses that are frozen: the polygons of each copy are its own."""
+    prototypes, instanced, _ = as_copies(contents)
+    settings = replace(
+        SETTINGS, output_mode="refined", subdivision_iterations=2, subdivision_threshold=0.001
+    )
+    stage, scene = baked(tmp_path, "refined", prototypes, instanced, settings=settings)
+    meshes = shown_meshes(stage)
+    assert meshes.keys() == {mesh.path for mesh in scene.meshes}
+    frozen = 0
+    for mesh in scene.meshes:
+        shown = meshes[mesh.path]
+        primvars = UsdGeom.PrimvarsAPI(shown)
+        assert primvars.GetPrimvar("isolux:illuminance").HasAuthoredValue()
+        is_refined = primvars.HasPrimvar("isolux:sourceFace")
+        frozen += is_refined and mesh.copy_of is not None
+        if is_refined or not mesh.is_posed:  # else its skeleton is still at work
+            points = world_points(shown)[: len(mesh.points)]
+            assert points == pytest.approx(mesh.points, abs=1e-6)
+    assert frozen

@@ -141,3 +141,35 @@ def test_a_time_budget_is_shared_by_photons_and_the_rays_gathered_over_them():
 def test_stages_that_could_not_be_finished_in_time_are_left_out():
     run = SimulatedRun(SolverSettings(target_error=0, time_budget=8.0), finishing={"DEPT": 0.9})
     assert [step.photons for step in steps("dept", run)] == [1_100_000, 3_100_000, 7_100_000]
+
+
+@pytest.mark.parametrize(
+    ("filtering", "budget", "photon_seconds"),
+    [
+        (5.0, 3.0, 0.04),  # the first look alone
+        (2.0, 3.0, 0.04),  # a second filtering would not end in time
+        (1.0, 20.0, 18.0),  # photons for all but the time that they take to filter
+    ],
+)
+def test_a_mesh_that_takes_long_to_filter_keeps_its_budget(filtering, budget, photon_seconds):
+    """Direct lighting would take longer: neither its pilot nor a filtering comes after the end."""
+    settings = SolverSettings(target_error=0, time_budget=budget)
+    run = SimulatedRun(settings, first_iteration=300.0)
+    every = []
+    for step in steps("composite", run):
+        run.elapsed += filtering
+        run.finishing["DEPT"] = filtering
+        every.append(step)
+    assert run.elapsed <= max(budget, 0.04 + filtering) + 1e-9
+    assert all(step.component == "DEPT" and step.shown for step in every)
+    assert run.photons == pytest.approx(photon_seconds * PHOTONS_A_SECOND, rel=0.2)
+    assert len({step.photons for step in every}) == len(every)
+
+
+def test_one_stage_is_shown_though_its_time_is_up():
+    run = SimulatedRun(
+        SolverSettings(target_error=0, time_budget=3.0, stages=1),
+        first_iteration=300.0,
+        finishing={"DEPT": 5.0},
+    )
+    assert shown(made("composite", run)) == ["DEPT"]

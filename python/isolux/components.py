@@ -23,8 +23,9 @@ DIRECT_ACCURACY = 0.01
 RADIOSITY_ACCURACY = 0.02
 # Receivers a call: how soon a cancelled run stops.
 RECEIVERS_AT_ONCE = 1 << 14
-# One in so many vertices is lit to learn what all will take.
+# One in so many vertices is lit to learn what all will take, or so many of a large mesh.
 TIMED_SHARE = 32
+TIMED_VERTICES = 1 << 11
 
 Array = NDArray[np.float32]
 
@@ -143,10 +144,9 @@ class DirectLight:
         Departure: the paper estimates it from the pilot's ray rate and a guess of the shadow rays;
         with many luminaires most are culled, which no guess knows.
         """
-        few = [
-            np.ascontiguousarray(values[::TIMED_SHARE]) for values in (*self._receivers, indirect)
-        ]
-        meshes = None if self._meshes is None else self._meshes[::TIMED_SHARE].copy()
+        step = max(TIMED_SHARE, len(indirect) // TIMED_VERTICES)
+        few = [np.ascontiguousarray(values[::step]) for values in (*self._receivers, indirect)]
+        meshes = None if self._meshes is None else self._meshes[::step].copy()
         started = clock()
         self._lighting.illuminate(*few, self._threads, meshes)
         return (clock() - started) * len(indirect) / max(1, len(few[0]))

@@ -7,7 +7,7 @@ light until a stopping criterion is met.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import Protocol
 
 from .scene_description import SceneDescription
@@ -74,11 +74,13 @@ def steps(method: Method, run: Run) -> Iterator[StagePlan]:
         return
     late_stages = run.settings.stages - _direct_stages(run.settings)
     if method == "composite" and run.reflects:
-        yield from _start(run, late_stages - 1)
-        late_stages = max(1, late_stages - 3)
+        shown = yield from _start(run, late_stages - 1)
         if not _time_for_direct(run):
-            yield from _photon_steps(run, "DEPT", 1)
+            # Where the first look alone took all the time, no photon is left to add.
+            if not (shown and _time_is_up(run)):
+                yield from _photon_steps(run, "DEPT", max(1, min(3, late_stages - 1)))
             return
+        late_stages = max(1, late_stages - 3)
     yield from _direct_steps(run)
     if not run.reflects:
         return
@@ -92,13 +94,21 @@ def steps(method: Method, run: Run) -> Iterator[StagePlan]:
             yield from _photon_steps(run, "IDEPT", late_stages)
 
 
-def _start(run: Run, room: int) -> Iterator[StagePlan]:
-    """Photons until T1. room : how many stages there may be."""
+def _start(run: Run, room: int) -> Generator[StagePlan, None, bool]:
+    """Photons until T1, or a first look alone where the budget leaves no time for direct lighting.
+
+    room : how many stages there may be
+    returns : whether one was shown
+    """
     bound = run.settings.photons or math.inf
     # A first look, at once; beside its indirect light direct lighting is timed.
     run.trace_until(StageGoal(bound, run.elapsed + LEAST_PILOT_SECONDS, False), "DEPT")
     yield StagePlan("DEPT", run.photons, shown=room >= 2)
+    if run.elapsed > (run.settings.time_budget or math.inf):
+        return room >= 2
     first_iteration = run.first_iteration_seconds()
+    if not _time_for_direct(run):
+        return room >= 2
     looked = run.photons * run.seconds_per_photon
     missing = pilot_seconds(first_iteration) - looked
     # Filtering costs more than a pilot that isn't much longer than the first look would tell.
@@ -112,11 +122,16 @@ def _start(run: Run, room: int) -> Iterator[StagePlan]:
         seconds = run.settings.time_budget or math.inf
         run.trace_until(StageGoal(min(until, bound), seconds, False), "DEPT")
         yield StagePlan("DEPT", run.photons, shown=room >= 1)
+    return room >= 2
 
 
 def _time_for_direct(run: Run) -> bool:
     budget = run.settings.time_budget
     return budget == 0 or run.elapsed + run.finishing_seconds("DDL") <= budget
+
+
+def _time_is_up(run: Run) -> bool:
+    return 0 < run.settings.time_budget <= run.elapsed + run.finishing_seconds("DEPT")
 
 
 def _direct_stages(settings: SolverSettings) -> int:

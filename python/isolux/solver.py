@@ -90,6 +90,7 @@ class ProgressiveSolver:
         self._direct = DirectLight(self._core_scene, settings, self._threads)
         self._light = Illumination(self._areas)
         self._filtered: FilteredLight | None = None
+        self._filtered_photons = 0
         self._bucket_errors = BucketErrors()
         self._mesh: AdaptiveMesh | None = None
         self._gather: SparseGather | None = None
@@ -198,6 +199,8 @@ class ProgressiveSolver:
     def trace_until(self, goal: StageGoal, component: Component) -> None:
         """Emit photons until the goal, with time left for the component to use them."""
         chunk = FIRST_CHUNK_PHOTONS
+        if self.photons > 0 and goal.seconds <= self.finishing_seconds(component) + self.elapsed:
+            return
         while self.photons < goal.photons and not self._watch.cancelled():
             started = self._clock()
             count = int(min(chunk, goal.photons - self.photons))
@@ -247,7 +250,9 @@ class ProgressiveSolver:
 
     def _filter_all(self, step: StagePlan) -> None:
         """DEPT: direct and indirect light of the photons."""
-        self._filtered, self._bucket_errors = self._photons.filtered()
+        if self._filtered is None or self._filtered_photons < self.photons:
+            self._filtered, self._bucket_errors = self._photons.filtered()
+            self._filtered_photons = self.photons
         self._light.take_photons(self._filtered)
 
     def _light_directly(self, step: StagePlan) -> None:

@@ -214,6 +214,14 @@ def test_framing_prefers_the_lit_room_to_the_dark_one(stage):
     assert (render_picture(stage, width=32).rgb > 0).any()
 
 
+def test_framing_is_not_misled_by_faces_without_area_and_loose_points(stage):
+    """The room at the origin fills the picture, whatever can't be seen far away."""
+    bake(closed_room(stage), [(100.0,) * 3] * 8)
+    stray = [(-500, -500, -500), (500, 500, 500), (-500, 500, 0)]
+    bake(add_mesh(stage, "/Stray", stray, [(0, 1, 0), (1, 1, 1)]), [(0.0,) * 3] * 3)
+    assert render_picture(stage, width=32).coverage.mean() > 0.95
+
+
 def test_samples_soften_edges_and_change_nothing_else(lit_square):
     single, many = (render_picture(lit_square, width=9, samples=n) for n in (1, 16))
     assert set(np.unique(single.coverage)) <= {0.0, 1.0}

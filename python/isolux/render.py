@@ -96,7 +96,7 @@ def render_picture(
 
 def frame_interior(surfaces: VisibleSurfaces, up_axis: str) -> Camera:
     """The camera, of many in and around the surfaces, that shows most of what is lit."""
-    low, high = surfaces.points.min(axis=0), surfaces.points.max(axis=0)
+    low, high = surfaces.low, surfaces.high
     area = surfaces.areas.sum()
     target = surfaces.areas @ surfaces.middles / area if area > 0 else (low + high) / 2
     candidates = framing_candidates(low, high, target, up_axis)
@@ -110,7 +110,7 @@ def _lit_places(surfaces: VisibleSurfaces, camera: Camera) -> float:
     sight = surfaces.see(origins, directions)
     lit = surfaces.luminance(sight).max(axis=1) > 0
     hits = origins[lit] + sight.distance[lit, None] * directions[lit]
-    low, high = surfaces.points.min(axis=0), surfaces.points.max(axis=0)
+    low, high = surfaces.low, surfaces.high
     # A flat scene has one layer of places.
     sides = np.maximum(high - low, 1e-3 * (high - low).max())
     places = np.floor(_PLACES * (hits - low) / sides)

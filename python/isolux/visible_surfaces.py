@@ -56,6 +56,7 @@ class VisibleSurfaces:
     """All surfaces of a scene, ready to be looked at.
 
     points : (P, 3) float64, metres; areas : (T,) float64, m²; middles : (T, 3) float64, metres
+    low, high : (3,) float64, metres, bounds of all triangles that have an area
     """
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
@@ -84,6 +85,10 @@ class VisibleSurfaces:
         self.middles = (a + b + c) / 3
         scale = np.where(self.areas > 0, 2 * self.areas, 1.0)
         self._normals = (normals / scale[:, None]).astype(np.float32)
+        # Faces without area and points that no face uses can't be seen, however far they reach.
+        seen = self.points[triangles[self.areas > 0]].reshape(-1, 3)
+        seen = seen if len(seen) else self.points
+        self.low, self.high = seen.min(axis=0), seen.max(axis=0)
         self._extent = float(np.ptp(self.points, axis=0).max())
         self._caster = RayCaster(self.points, triangles)
 

@@ -19,6 +19,7 @@ class SimulatedRun:
     """A run whose clock is its photon count: what the order sees of a solver."""
 
     settings: SolverSettings
+    vertices: int = 1000
     reflects: bool = True
     first_iteration: float = 2.0
     elapsed: float = 0.0
@@ -173,3 +174,9 @@ def test_one_stage_is_shown_though_its_time_is_up():
         finishing={"DEPT": 5.0},
     )
     assert shown(made("composite", run)) == ["DEPT"]
+
+
+@pytest.mark.parametrize(("photons", "first_look"), [(64_000_000, 500_000), (200_000, 200_000)])
+def test_a_large_mesh_is_worth_a_photon_a_vertex_before_it_is_filtered(photons, first_look):
+    run = SimulatedRun(SolverSettings(target_error=0, photons=photons), vertices=500_000)
+    assert next(steps("composite", run)).photons == first_look

@@ -28,6 +28,7 @@ class Run(Protocol):
     """What the order depends on of the run in progress."""
 
     settings: SolverSettings
+    vertices: int  # of the illumination mesh
     reflects: bool  # some surface does
     elapsed: float  # s
     radiosity_finished: bool
@@ -102,9 +103,13 @@ def _start(run: Run, room: int) -> Generator[StagePlan, None, bool]:
     """
     bound = run.settings.photons or math.inf
     # A first look, at once; beside its indirect light direct lighting is timed.
+    budget = run.settings.time_budget or math.inf
     run.trace_until(StageGoal(bound, run.elapsed + LEAST_PILOT_SECONDS, False), "DEPT")
+    # A large mesh takes so long to filter that more photons come at next to no cost.
+    if run.photons < run.vertices:
+        run.trace_until(StageGoal(min(bound, run.vertices), budget, False), "DEPT")
     yield StagePlan("DEPT", run.photons, shown=room >= 2)
-    if run.elapsed > (run.settings.time_budget or math.inf):
+    if run.elapsed > budget:
         return room >= 2
     first_iteration = run.first_iteration_seconds()
     if not _time_for_direct(run):
@@ -119,8 +124,7 @@ def _start(run: Run, room: int) -> Generator[StagePlan, None, bool]:
     pilot = run.photons * run.seconds_per_photon
     until = switchover_photons(run.photons, pilot, run.indirect_error, first_iteration)
     if min(until, bound) > run.photons:
-        seconds = run.settings.time_budget or math.inf
-        run.trace_until(StageGoal(min(until, bound), seconds, False), "DEPT")
+        run.trace_until(StageGoal(min(until, bound), budget, False), "DEPT")
         yield StagePlan("DEPT", run.photons, shown=room >= 1)
     return room >= 2
 

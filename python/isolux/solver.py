@@ -77,6 +77,7 @@ class ProgressiveSolver:
         self._clock = clock
         self._threads = settings.threads or -1  # all
         self._core_scene = build_core_scene(scene, settings, self._threads)
+        self.vertices = int(self._core_scene.vertex_count)
         elements = self._core_scene.element_count
         if self.method == "ddl+hpr" and elements > RADIOSITY_ELEMENTS:
             raise SettingsError(

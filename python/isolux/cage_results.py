@@ -7,7 +7,7 @@ holds the limit stencils, so that whoever subdivides the primvar gets v again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -34,12 +34,20 @@ if TYPE_CHECKING:
 
 # Relative residual of the normal equations at which the iteration stops, and the most steps: the
 # condition of the limit masks is below 100 but for unused points.
-FIT_ACCURACY = 1e-5
+FIT_ACCURACY = 2e-6
 MAX_FIT_STEPS = 200
 # Relative step at which the bounded iteration stops.
-BOUNDED_ACCURACY = 3e-4
+BOUNDED_ACCURACY = 1e-4
+# Areas of a copy that are in proportion to the first one's but for this take its weights: the fit
+# moves by no more than this share of what it is off, as of a turn stored in half precision.
+SAME_WEIGHTS = 0.01
+# Of copies that are fitted together: columns, and values in all, 8 bytes each.
+MOST_COLUMNS = 256
+MOST_VALUES = 1 << 24
 # Relative RMS difference from which on it is told.
 TOLD_FIT_ERROR = 0.01
+# The only field that faces of several colours part.
+(_COLOUR,) = (field for field in OUTPUT_FIELDS if field.split == "reflectance")
 
 
 class CageFit:
@@ -56,6 +64,7 @@ class CageFit:
         self._weighted = stencils.multiply(weights[:, None]).tocsr().T.tocsr()
         self._normal = (self._weighted @ stencils).tocsr()
         diagonal = self._normal.diagonal()
+        self._diagonal = diagonal[:, None]
         self._preconditioner = _ratio(np.ones_like(diagonal), diagonal)[:, None]
         # Greatest row sum, which no eigenvalue of the preconditioned equations passes [Gershgorin].
         sums = self._normal @ np.ones(len(diagonal))
@@ -86,38 +95,60 @@ class CageFit:
     def _unbounded(
         self, wanted: NDArray[np.float64], found: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """By conjugate gradients."""
+        """By conjugate gradients; a column that is done takes no part in further steps."""
+        done = np.empty_like(found)
+        left = np.arange(found.shape[1])
+        found = found.copy()
         residual = wanted - self._normal @ found
-        enough = FIT_ACCURACY * np.linalg.norm(self._preconditioner * wanted, axis=0)
+        enough = FIT_ACCURACY * _lengths(self._preconditioner * wanted)
         direction = step = self._preconditioner * residual
-        size = (residual * step).sum(axis=0)
+        size = _dots(residual, step)
         for _ in range(MAX_FIT_STEPS):
-            if (np.linalg.norm(self._preconditioner * residual, axis=0) <= enough).all():
-                break
+            close = _lengths(step) <= enough
+            if close.any():
+                done[:, left[close]] = found[:, close]
+                left, enough, size = left[~close], enough[~close], size[~close]
+                if len(left) == 0:
+                    return done
+                found, residual, direction = (m[:, ~close] for m in (found, residual, direction))
             image = self._normal @ direction
-            length = _ratio(size, (direction * image).sum(axis=0))
+            length = _ratio(size, _dots(direction, image))
             found += length * direction
             residual -= length * image
             step = self._preconditioner * residual
-            size, before = (residual * step).sum(axis=0), size
+            size, before = _dots(residual, step), size
             direction = step + _ratio(size, before) * direction
-        return found
+        done[:, left] = found
+        return done
 
     def _bounded(
         self, wanted: NDArray[np.float64], start: NDArray[np.float64], most: float
     ) -> NDArray[np.float64]:
-        """By accelerated projected gradients [Beck and Teboulle 2009]."""
+        """By accelerated projected gradients [Beck and Teboulle 2009], each column as above.
+
+        Their pace starts anew where they turn back [O'Donoghue and Candès 2015].
+        """
+        done = np.empty_like(start)
+        left = np.arange(start.shape[1])
         found = ahead = np.clip(start, 0.0, most)
-        pace = 1.0
+        pace = np.ones(len(left))
+        rate = self._preconditioner / self._stiffness
         for _ in range(MAX_FIT_STEPS):
-            gradient = self._preconditioner * (self._normal @ ahead - wanted)
-            found, before = np.clip(ahead - gradient / self._stiffness, 0.0, most), found
-            moved = np.linalg.norm(found - before, axis=0)
-            if (moved <= BOUNDED_ACCURACY * np.linalg.norm(found, axis=0)).all():
-                break
+            gradient = rate * (self._normal @ ahead - wanted)
+            found, before = np.clip(ahead - gradient, 0.0, most), found
+            moved = found - before
+            pace[_dots(self._diagonal * (ahead - found), moved) > 0] = 1.0
             pace, last = (1 + np.sqrt(1 + 4 * pace**2)) / 2, pace
-            ahead = found + (last - 1) / pace * (found - before)
-        return found
+            ahead = found + (last - 1) / pace * moved
+            close = _lengths(moved) <= BOUNDED_ACCURACY * _lengths(found)
+            if close.any():
+                done[:, left[close]] = found[:, close]
+                left, pace = left[~close], pace[~close]
+                if len(left) == 0:
+                    return done
+                found, ahead, wanted = (m[:, ~close] for m in (found, ahead, wanted))
+        done[:, left] = found
+        return done
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,59 +165,102 @@ class _CageLayout:
     fit: CageFit
 
 
+class CageFits:
+    """Fits of the cages of one scene: copies of a mesh have all but the places in common.
+
+    areas : (V,) float64, m^2, of all vertices of the solution
+    """
+
+    def __init__(self, areas: NDArray[np.float64]) -> None:
+        self.areas = areas
+        self._known: dict[tuple[int, ...], tuple[MeshLayout, dict[str, _CageLayout]]] = {}
+
+    def layouts(self, mesh: MeshDescription, layout: MeshLayout) -> dict[str, _CageLayout]:
+        """By what parts the values of a field."""
+        # All of them are kept by the scene, so that no other object takes their numbers.
+        key = (id(mesh.cage), id(mesh.reflectance), id(mesh.emission))
+        first, known = self._known.get(key, (None, None))
+        if first and known and _same_corners(first, layout):
+            moved: dict[int, _CageLayout] = {}
+            for each in known.values():
+                if id(each) not in moved:
+                    moved[id(each)] = self._moved(each, first, layout)
+            return {split: moved[id(each)] for split, each in known.items()}
+        assert mesh.cage is not None
+        corners = MeshCorners.of_authored(mesh, layout)
+        look = surface_look(mesh)
+        kinds = _cage_kinds(mesh.cage, face_kinds(look))
+        crease = _layout(mesh.cage, corners, look, np.zeros(1, np.int64), self.areas)
+        coloured = crease
+        if len(kinds) > 1:
+            coloured = _layout(mesh.cage, corners, look, kinds, self.areas)
+        found = {"crease": crease, "reflectance": coloured}
+        self._known.setdefault(key, (layout, found))
+        return found
+
+    def _moved(self, known: _CageLayout, first: MeshLayout, layout: MeshLayout) -> _CageLayout:
+        """The layout of one copy for another."""
+        places, written = (_shifted(each, first, layout) for each in (known.places, known.written))
+        before, after = (self.areas[each.front] for each in (known.places, places))
+        fit = known.fit
+        if np.ptp(_ratio(after, before)) > SAME_WEIGHTS * after.sum() / (before.sum() or 1.0):
+            fit = CageFit(fit.stencils, after)
+        return _CageLayout(places, written, fit)
+
+
 class CageOutput:
     """The primvars of one subdivision surface on its cage, stage after stage.
 
     fit_error : relative RMS difference of the photometric illuminance between the limit values of
         the last stage's primvar and the solver's values, area-weighted
+    fitted : the cage's values by what parts them; those of a stage before are the first guess
 
     mesh : with a cage
-    areas : (V,) float64, m^2, of all vertices of the solution
+    fits : of the solution's cages
     """
 
-    def __init__(
-        self, mesh: MeshDescription, layout: MeshLayout, areas: NDArray[np.float64]
-    ) -> None:
-        assert mesh.cage is not None
+    def __init__(self, mesh: MeshDescription, layout: MeshLayout, fits: CageFits) -> None:
         self.path = mesh.path
         self.fit_error = self._noise = 0.0
-        self._areas = areas
-        corners = MeshCorners.of_authored(mesh, layout)
-        look = surface_look(mesh)
-        kinds = _cage_kinds(mesh.cage, face_kinds(look))
-        crease = self._layout(mesh.cage, corners, look, np.zeros(1, np.int64))
-        self._layouts = {
-            "crease": crease,
-            "reflectance": crease
-            if len(kinds) == 1
-            else self._layout(mesh.cage, corners, look, kinds),
-        }
-        self._before: dict[str, NDArray[np.float64]] = {}
+        self._areas = fits.areas
+        self._layouts = fits.layouts(mesh, layout)
+        self.fitted: dict[str, NDArray[np.float64]] = {}
 
     def primvars(
         self, illuminance: VertexIlluminance
     ) -> Iterator[tuple[OutputField, PrimvarLayout, NDArray[np.float32] | None]]:
-        """Field, layout and values of each primvar; no values where this mesh hasn't the field."""
+        """Field, layout and values of each primvar; no values where this mesh hasn't the field.
+
+        After `fit_cages` on the same stage.
+        """
         crease, coloured = self._layouts["crease"], self._layouts["reflectance"]
         values = crease.places.gather(illuminance)
-        fitted = self._fitted(crease, values)
+        fitted = self._illuminance(values)
         self._tell_fit(crease, values, fitted)
         for field in OUTPUT_FIELDS:
-            if field.split == "crease":
-                yield field, crease.written, field.values(fitted)
+            if field is _COLOUR:
+                yield field, coloured.written, self.fitted[field.split].astype(np.float32)
             else:
-                colours = field.values(coloured.places.gather(illuminance))
-                assert colours is not None
-                yield field, coloured.written, self._solve(coloured, field.name, colours, 1.0)
+                yield field, crease.written, field.values(fitted)
 
-    def _fitted(self, layout: _CageLayout, values: PrimvarValues) -> PrimvarValues:
+    def wanted(self, split: str, illuminance: VertexIlluminance) -> NDArray[np.float32]:
+        """(n, K) values to fit of the fields that are parted so."""
+        places = self._layouts[split].places
+        values = places.gather(illuminance)
+        if split == "crease":
+            parts = [values.direct, values.indirect, values.relative_deviation[:, None]]
+            return np.hstack(parts if values.back is None else [*parts, values.back])
+        colours = _COLOUR.values(values)
+        assert colours is not None
+        return colours
+
+    def fit(self, split: str) -> CageFit:
+        return self._layouts[split].fit
+
+    def _illuminance(self, values: PrimvarValues) -> PrimvarValues:
         """The cage's illuminances; the total is the sum of its parts there too."""
-        parts = [values.direct, values.indirect, values.relative_deviation[:, None]]
-        if values.back is not None:
-            parts.append(values.back)
-        direct, indirect, deviation, *back = np.split(
-            self._solve(layout, "illuminance", np.hstack(parts)), [3, 6, 7], axis=1
-        )
+        fitted = self.fitted["crease"].astype(np.float32)
+        direct, indirect, deviation, *back = np.split(fitted, [3, 6, 7], axis=1)
         return replace(
             values,
             direct=direct,
@@ -194,13 +268,6 @@ class CageOutput:
             relative_deviation=deviation[:, 0],
             back=back[0] if values.back is not None else None,
         )
-
-    def _solve(
-        self, layout: _CageLayout, name: str, values: NDArray[np.float32], most: float = np.inf
-    ) -> NDArray[np.float32]:
-        fitted = layout.fit.solve(values, self._before.get(name), most)
-        self._before[name] = fitted
-        return fitted.astype(np.float32)
 
     def finding(self) -> Finding | None:
         """Says so where the cage does not give the solver's values again, but for their noise."""
@@ -223,44 +290,81 @@ class CageOutput:
             for part in (off, values.relative_deviation * wanted)
         )
 
-    def _layout(
-        self,
-        cage: SubdivisionCage,
-        corners: MeshCorners,
-        reflectance: NDArray[np.float32],
-        kinds: NDArray[np.int64],
-    ) -> _CageLayout:
-        """One place for each pair of illumination vertex and kind of face."""
-        places, place_of_corner = corner_values(corners, reflectance, kinds)
-        if len(reflectance) > 1:
-            means = _means(place_of_corner, reflectance[corners.faces], len(places.front))
-            places = replace(places, reflectance=means)
-        first_corner = np.zeros(len(places.front), np.int64)
-        first_corner[place_of_corner[::-1]] = np.arange(len(place_of_corner))[::-1]
-        on_surface = np.flatnonzero(places.front >= 0)
 
-        surface = cage.refine()
-        refined = surface.corners_of_cage
-        keys = np.where(refined < 0, -1, place_of_corner[refined])
-        keys[keys >= 0] = np.where(places.front[keys[keys >= 0]] < 0, -1, keys[keys >= 0])
-        points = cage.topology.indices
-        at_point = np.full(cage.topology.point_count, -1)
-        at_point[points[keys >= 0]] = keys[keys >= 0]
-        if (at_point[points[keys >= 0]] == keys[keys >= 0]).all():
-            stencils = surface.limit_stencils
-            rows = corners.points[first_corner[on_surface]]
-            written = PrimvarLayout("vertex", places.front, places.back, places.reflectance, None)
-        else:
-            # Corners without light, at holes, still bear on their neighbours: a value a point.
-            keys = np.where(keys < 0, len(places.front) + points, keys)
-            indices = np.unique(keys, return_inverse=True)[1].ravel().astype(np.int32)
-            stencils, corner_rows = cage.refine(indices).face_varying_stencils()
-            rows = corner_rows[first_corner[on_surface]]
-            written = PrimvarLayout(
-                "faceVarying", places.front, places.back, places.reflectance, indices
-            )
-        kept = places.subset(on_surface)
-        return _CageLayout(kept, written, CageFit(stencils[rows], self._areas[kept.front]))
+def fit_cages(outputs: Iterable[CageOutput], illuminance: VertexIlluminance) -> None:
+    """Fit one stage on all cages, copies of a mesh together."""
+    for split, most in (("crease", np.inf), ("reflectance", 1.0)):
+        alike: dict[int, list[CageOutput]] = {}
+        for output in outputs:
+            alike.setdefault(id(output.fit(split)), []).append(output)
+        for copies in alike.values():
+            rows, columns = copies[0].wanted(split, illuminance).shape
+            allowed = min(MOST_COLUMNS, MOST_VALUES // max(rows, 1))
+            step = max(1, allowed // columns)
+            for begin in range(0, len(copies), step):
+                some = copies[begin : begin + step]
+                values = np.hstack([copy.wanted(split, illuminance) for copy in some])
+                start = None
+                if split in some[0].fitted:
+                    start = np.hstack([copy.fitted[split] for copy in some])
+                fitted = some[0].fit(split).solve(values, start, most)
+                for copy, part in zip(some, np.hsplit(fitted, len(some)), strict=True):
+                    copy.fitted[split] = part
+
+
+def _layout(
+    cage: SubdivisionCage,
+    corners: MeshCorners,
+    reflectance: NDArray[np.float32],
+    kinds: NDArray[np.int64],
+    areas: NDArray[np.float64],
+) -> _CageLayout:
+    """One place for each pair of illumination vertex and kind of face."""
+    places, place_of_corner = corner_values(corners, reflectance, kinds)
+    if len(reflectance) > 1:
+        means = _means(place_of_corner, reflectance[corners.faces], len(places.front))
+        places = replace(places, reflectance=means)
+    first_corner = np.zeros(len(places.front), np.int64)
+    first_corner[place_of_corner[::-1]] = np.arange(len(place_of_corner))[::-1]
+    on_surface = np.flatnonzero(places.front >= 0)
+
+    surface = cage.refine()
+    refined = surface.corners_of_cage
+    keys = np.where(refined < 0, -1, place_of_corner[refined])
+    keys[keys >= 0] = np.where(places.front[keys[keys >= 0]] < 0, -1, keys[keys >= 0])
+    points = cage.topology.indices
+    at_point = np.full(cage.topology.point_count, -1)
+    at_point[points[keys >= 0]] = keys[keys >= 0]
+    if (at_point[points[keys >= 0]] == keys[keys >= 0]).all():
+        stencils = surface.limit_stencils
+        rows = corners.points[first_corner[on_surface]]
+        written = PrimvarLayout("vertex", places.front, places.back, places.reflectance, None)
+    else:
+        # Corners without light, at holes, still bear on their neighbours: a value a point.
+        keys = np.where(keys < 0, len(places.front) + points, keys)
+        indices = np.unique(keys, return_inverse=True)[1].ravel().astype(np.int32)
+        stencils, corner_rows = cage.refine(indices).face_varying_stencils()
+        rows = corner_rows[first_corner[on_surface]]
+        written = PrimvarLayout(
+            "faceVarying", places.front, places.back, places.reflectance, indices
+        )
+    kept = places.subset(on_surface)
+    return _CageLayout(kept, written, CageFit(stencils[rows], areas[kept.front]))
+
+
+def _same_corners(one: MeshLayout, other: MeshLayout) -> bool:
+    two_sided = [layout.back.stop > layout.back.start for layout in (one, other)]
+    same = np.array_equal(one.corner_vertices, other.corner_vertices)
+    return same and two_sided[0] == two_sided[1]
+
+
+def _shifted(layout: PrimvarLayout, first: MeshLayout, copy: MeshLayout) -> PrimvarLayout:
+    """The same values, from the vertices of a copy."""
+    front = np.where(layout.front < 0, -1, layout.front + (copy.front.start - first.front.start))
+    back = layout.back
+    if back is not None:
+        back = np.where(back < 0, -1, back + (copy.back.start - first.back.start))
+    return replace(layout, front=front, back=back)
 
 
 def _cage_kinds(cage: SubdivisionCage, kinds: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -308,15 +412,23 @@ def cage_face_means(cage: SubdivisionCage, values: NDArray[np.float32]) -> NDArr
 
 def _distinct_columns(values: NDArray[np.floating]) -> tuple[list[int], list[int]]:
     """Columns that differ, and for each its place among them: grey light has one of three."""
-    rows = np.ascontiguousarray(values.T)
+    place_of: dict[bytes, int] = {}
     first: list[int] = []
     same: list[int] = []
-    for column, row in enumerate(rows):
-        alike = (i for i, other in enumerate(first) if np.array_equal(row, rows[other]))
-        same.append(next(alike, len(first)))
-        if same[-1] == len(first):
+    for column, row in enumerate(values.T):
+        place = place_of.setdefault(row.tobytes(), len(first))
+        if place == len(first):
             first.append(column)
+        same.append(place)
     return first, same
+
+
+def _dots(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.einsum("ij,ij->j", a, b)
+
+
+def _lengths(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.sqrt(_dots(columns, columns))
 
 
 def _ratio(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

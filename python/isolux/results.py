@@ -26,7 +26,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom, UsdRender, Vt
 
 from .adaptation import SceneAdaptation
 from .atomic_file import replace_atomically
-from .cage_results import CageOutput
+from .cage_results import CageFits, CageOutput, fit_cages
 from .display_view import DisplayView
 from .errors import SceneError
 from .instanced_results import (
@@ -204,12 +204,13 @@ class ResultsWriter:
             self._begun = True
             if self._scene.instanced:
                 self._begin_instances(solution)
+            fits = CageFits(solution.vertex_areas)
             for mesh in self._meshes_written:
                 layout = solution.layout(mesh.path)
                 if mesh.cage is not None:
                     if self._as_polygons:
                         continue  # comes with the refined mesh
-                    self._meshes[mesh.path] = CageOutput(mesh, layout, solution.vertex_areas)
+                    self._meshes[mesh.path] = CageOutput(mesh, layout, fits)
                     continue
                 corners = MeshCorners.of_authored(mesh, layout)
                 self._meshes[mesh.path] = MeshOutput(mesh.path, surface_look(mesh), corners)
@@ -232,6 +233,8 @@ class ResultsWriter:
             elif self._refined is not None:
                 stage = stage.on(self._refined)
             self._stages.append(stage)
+            cages = (output for output in self._meshes.values() if isinstance(output, CageOutput))
+            fit_cages(list(cages), stage)
             for output in self._meshes.values():
                 self._write_primvars(output, stage)
             self._write_summary(stage)

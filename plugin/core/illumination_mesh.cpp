@@ -101,12 +101,20 @@ struct EdgeAtPoint {
     auto operator<=>(const EdgeAtPoint&) const = default;
 };
 
-// Joins corners of a point whose faces share an edge there that is no crease.
+// Joins corners of a point whose faces share an edge there that is no crease, and those of faces
+// without area, which have no normal of their own, to the first of a face that has one.
 void join_by_angle(const SurfaceMesh& mesh, std::span<const std::int32_t> corners,
                    const Corners& neighbours, std::span<const Vec3f> face_normals,
                    float crease_cosine, DisjointSets& smooth, std::vector<EdgeAtPoint>& edges) {
+    const auto has_area = [&](std::int32_t c) {
+        return face_normals[neighbours.face[c]] != Vec3f{};
+    };
+    const auto first = std::ranges::find_if(corners, has_area);
     edges.clear();
     for (const std::int32_t c : corners) {
+        if (first != corners.end() && !has_area(c)) {
+            smooth.join(*first, c);
+        }
         edges.push_back({mesh.face_vertex_indices[neighbours.next[c]], c});
         edges.push_back({mesh.face_vertex_indices[neighbours.previous[c]], c});
     }

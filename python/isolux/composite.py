@@ -146,15 +146,19 @@ def _direct_steps(run: Run) -> Iterator[StagePlan]:
     """Direct lighting at the vertices, then iterations of the adaptive mesh."""
     count = _direct_stages(run.settings)
     budget = run.settings.time_budget or math.inf
+    shown = False
     for iteration in range(count):
         # Each iteration takes longer than the one before.
         too_late = run.elapsed + 2 * run.finishing_seconds("DDL") > budget
-        if iteration > 0 and (too_late or run.mesh_finished):
+        ended = iteration > 0 and (too_late or run.mesh_finished)
+        if ended and (shown or run.reflects):
             return
-        last = iteration == count - 1
+        last = ended or iteration == count - 1
         # One stage has to be left for the indirect light.
         shown = run.settings.stages > count - iteration or (last and not run.reflects)
         yield StagePlan("DDL", run.photons, iteration=iteration, shown=shown)
+        if ended:  # so that a run without indirect light has shown something
+            return
 
 
 def _photon_steps(run: Run, component: Component, stages: int) -> Iterator[StagePlan]:

@@ -26,3 +26,7 @@ class SettingsError(IsoluxError):
 
 class PhotometryError(IsoluxError):
     """A photometric file or an inline goniometric diagram that can't be used."""
+
+
+class DarkDiagramError(PhotometryError):
+    """Candela that are all zero; a stage can do without that luminaire."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from .environment_map import read_texels
-from .errors import PhotometryError, SceneError
+from .errors import DarkDiagramError, PhotometryError, SceneError
 from .infinite_lights import DOMES, read_distant, read_dome, read_portal
 from .light_inputs import channels, light_kind, number, read_colour, read_luminance
 from .light_shaping import Shaping, mirrored, scaled_vertically, shaped_diagram, turned
@@ -94,7 +94,11 @@ def read_light(prim: Usd.Prim, context: ReadingContext) -> LuminaireDescription 
     colour = read_colour(prim, context) * _texture_colour(prim, context)
     is_absolute = "IsoluxLuminaireAPI" in prim.GetPrimTypeInfo().GetAppliedAPISchemas()
     read_emission = _absolute_emission if is_absolute else _usdlux_emission
-    emission = read_emission(prim, placement, colour, context)
+    try:
+        emission = read_emission(prim, placement, colour, context)
+    except DarkDiagramError as error:
+        context.note(prim, light_kind(prim), "skipped", error.found)
+        return None
     if emission is None:
         return None
     flux, diagram = emission

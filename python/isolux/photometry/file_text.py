@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import PhotometryError
+from ..errors import DarkDiagramError, PhotometryError
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
 
@@ -61,7 +61,7 @@ def require_candela(
             subject, f"{candela[i]:g} cd{_in_line(lines, i)}", "finite candela of at least 0"
         )
     if candela.max() < 1.0 / _LARGEST_CANDELA:
-        raise PhotometryError(subject, "candela that are all zero", "a luminaire that gives light")
+        raise DarkDiagramError(subject, "candela that are all zero", "a luminaire that gives light")
 
 
 def _in_line(lines: Sequence[int] | None, index: int) -> str:

@@ -1,6 +1,7 @@
 # One word a task. Each sets up what it needs on a fresh Debian 12 machine and is quick afterwards.
 VENV := .venv
 BIN := $(VENV)/bin
+SITE_PACKAGES = $(wildcard $(VENV)/lib/python3.*/site-packages)
 PYTHON ?= /usr/bin/python3
 PIP := $(BIN)/pip install -q --disable-pip-version-check
 APT_PACKAGES := g++ cmake ninja-build python3-venv python3-dev \
@@ -12,11 +13,23 @@ CPP := $(shell find plugin -name '*.cpp' -o -name '*.h')
 
 DEMO_SECONDS := 20
 
-.PHONY: help setup build demo test lint format bench wheel clean
+# Tests that run the compiled code the most; those of the sanitized builds, which are slow.
+CORE_TESTS := $(addprefix tests/test_,authored_mesh.py candela_distribution.py composite.py \
+	diagram.py direct_lighting.py eulumdat.py fuzz_corpus.py ies.py illumination_filter.py \
+	illumination_mesh.py infinite_lights.py light_linking.py mesh_lights.py mesh_refinement.py \
+	photon_tracer.py poisson_interval.py progressive_radiosity.py ray_caster.py shared_trees.py \
+	sparse_gather.py subdivision.py subdivision_reader.py tone_mapping.py triangulation.py) \
+	$(addprefix tests/physics/test_,light_links.py opacity.py subdivided_room.py)
+FUZZ_SECONDS := 60
+
+.PHONY: help setup build demo test sanitize sanitize-address sanitize-thread fuzz lint format bench wheel \
+	clean
 
 help:
 	@echo "make demo    bake the office and show its progressive pictures"
 	@echo "make test    all tests"
+	@echo "make sanitize  the tests of the core under ASan + UBSan and under TSan"
+	@echo "make fuzz    odd photometric files and stages, FUZZ_SECONDS=60 of each"
 	@echo "make lint    formatters, linters and types"
 	@echo "make format  let the formatters rewrite the sources"
 	@echo "make bench   speed against error, ratios to the bare ray tracer"
@@ -54,6 +67,26 @@ demo: build
 
 test: build
 	$(BIN)/pytest
+
+# The sanitized modules lie apart from the virtual environment, and come first on the path of the
+# system's Python, which doesn't know of our editable install.
+sanitize: sanitize-address sanitize-thread
+
+sanitize-address sanitize-thread: sanitize-%: build/sanitize-%/.built
+	tools/sanitize/run.sh $* $(SITE_PACKAGES) $(PYTHON) $(CORE_TESTS)
+
+build/sanitize-%/.built: build $(COMPILED) $(wildcard python/isolux/*.py python/isolux/*/*.py)
+	$(PIP) --no-build-isolation --no-deps --upgrade --target build/sanitize-$*/installed \
+		--config-settings build-dir=build/sanitize-$*/compiled \
+		--config-settings cmake.build-type=Debug \
+		--config-settings cmake.define.ISOLUX_SANITIZE=$* \
+		--config-settings install.strip=false .
+	@touch $@
+
+fuzz: build
+	$(PIP) --no-build-isolation -e ".[test,fuzz]"
+	$(BIN)/python -m tools.fuzz.fuzz photometry --seconds $(FUZZ_SECONDS)
+	$(BIN)/python -m tools.fuzz.fuzz stage --seconds $(FUZZ_SECONDS)
 
 lint: build
 	$(BIN)/ruff format --check

@@ -426,6 +426,9 @@ def sizes() -> dict[str, Hostile]:
     wide = "".join(mesh(f"M{i}") for i in range(100))
     return {
         "nothing": Hostile({"stage.usda": "#usda 1.0\n"}, error=("no mesh",), code=3),
+        "a comment that is not UTF-8": Hostile(
+            {"stage.usda": b"#usda 1.0\n# caf\xe9\n"}, error=("stage.usda", "UTF-8"), code=3
+        ),
         "an empty file": Hostile({"stage.usda": ""}, error=("stage.usda",), code=3),
         "names of other scripts": Hostile(room(mesh("Ωmesh_名前"))),
         "a name of 50,000 letters": Hostile(room(mesh("a" * 50_000))),

@@ -6,9 +6,9 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
-#include <tbb/parallel_for.h>
 
 #include "binding/arrays.h"
+#include "core/parallel.h"
 #include "core/ray_caster.h"
 #include "core/triangulation.h"
 
@@ -41,7 +41,7 @@ nb::tuple closest_hits(const RayCaster& caster, const In3<double>& origins,
     std::vector<float> distances(from.size());
     {
         nb::gil_scoped_release release;
-        tbb::parallel_for(std::size_t{0}, from.size(), [&](std::size_t i) {
+        parallel_for(kAllThreads, from.size(), [&](std::size_t i) {
             const Hit hit =
                 caster.closest_hit({(from[i] - caster.origin()).as<float>(), towards[i]});
             triangles[i] = hit.triangle;
@@ -68,7 +68,7 @@ Out<float> transmitted(const RayCaster& caster, const In3<double>& origins,
             rays[i] = {(from[i] - caster.origin()).as<float>(), (to[i] - from[i]).as<float>()};
         }
         constexpr std::size_t kRaysAtOnce = 1024;
-        tbb::parallel_for(std::size_t{0}, rays.size() / kRaysAtOnce + 1, [&](std::size_t block) {
+        parallel_for(kAllThreads, rays.size() / kRaysAtOnce + 1, [&](std::size_t block) {
             const std::size_t first = block * kRaysAtOnce;
             const std::size_t count = std::min(kRaysAtOnce, rays.size() - first);
             caster.transmitted({&rays[first], count}, {&out[first], count});

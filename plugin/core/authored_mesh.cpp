@@ -5,8 +5,7 @@
 #include <limits>
 #include <vector>
 
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
+#include "core/parallel.h"
 
 namespace isolux {
 namespace {
@@ -26,7 +25,7 @@ template <typename Visit> void for_parts(std::size_t n, int threads, const Visit
         }
         return;
     }
-    tbb::task_arena(threads).execute([&] { tbb::parallel_for(std::size_t{0}, parts, one); });
+    parallel_for(threads, parts, one);
 }
 
 template <std::size_t Count> bool repeats(const std::int32_t* face) {
@@ -133,8 +132,9 @@ bool place_normals(std::span<const Vec3f> normals, std::span<const std::int32_t>
         for (std::size_t i = begin; i < end; ++i) {
             const Vec3d normal = placement.linear(normals[i].as<double>());
             const double square = dot(normal, normal);
-            all &= square > 0.0 && std::isfinite(square);
-            to[i] = (normal * (1.0 / std::sqrt(square))).as<float>();
+            const bool is_direction = square > 0.0 && std::isfinite(square);
+            all &= is_direction;
+            to[i] = is_direction ? (normal * (1.0 / std::sqrt(square))).as<float>() : Vec3f{};
         }
         sound[part] = all;
     });

@@ -7,10 +7,7 @@
 #include <memory>
 #include <numbers>
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
-
+#include "core/parallel.h"
 #include "core/random.h"
 #include "core/sobol.h"
 
@@ -411,21 +408,19 @@ DirectIllumination DirectLighting::illuminate(std::span<const Receiver> receiver
     DirectIllumination out{std::vector<Vec3f>(receivers.size()),
                            std::vector<float>(receivers.size())};
     std::atomic<std::uint64_t> shadow_rays{0};
-    tbb::task_arena(threads).execute([&] {
-        tbb::parallel_for(
-            tbb::blocked_range<std::size_t>(0, receivers.size(), kGrain), [&](const auto& block) {
-                Gathering gathering(*this);
-                std::uint64_t rays = 0;
-                for (std::size_t i = block.begin(); i < block.end(); ++i) {
-                    const auto found =
-                        gathering.gather(receivers[i], indirect.empty() ? 0.0F : indirect[i]);
-                    out.illuminance[i] = found.illuminance;
-                    out.standard_error[i] = found.standard_error;
-                    rays += found.shadow_rays;
-                }
-                shadow_rays += rays;
-            });
-    });
+    parallel_blocks(
+        threads, std::size_t{0}, receivers.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+            Gathering gathering(*this);
+            std::uint64_t rays = 0;
+            for (std::size_t i = begin; i < end; ++i) {
+                const auto found =
+                    gathering.gather(receivers[i], indirect.empty() ? 0.0F : indirect[i]);
+                out.illuminance[i] = found.illuminance;
+                out.standard_error[i] = found.standard_error;
+                rays += found.shadow_rays;
+            }
+            shadow_rays += rays;
+        });
     out.shadow_rays = shadow_rays;
     return out;
 }

@@ -5,10 +5,7 @@
 #include <limits>
 #include <numbers>
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
-
+#include "core/parallel.h"
 #include "core/support_selection.h"
 #include "core/tone_mapping.h"
 
@@ -290,12 +287,10 @@ std::array<FilteredIllumination, 2> IlluminationFilter::filter(const PhotonBucke
         filtered = {std::vector<FilteredIllumination::Halves>(n), std::vector<Vec3f>(n),
                     std::vector<float>(n), std::vector<float>(n)};
     }
-    tbb::task_arena(threads).execute([&] {
-        tbb::parallel_for(std::size_t{0}, blocks_.size(), [&](std::size_t block) {
-            constexpr float kUnknown = std::numeric_limits<float>::max();
-            CellFilter(tree_, reflectance_, sums, criteria, settings.sharing, out)
-                .filter(tree_.cells()[blocks_[block]], {true, true}, {kUnknown, kUnknown});
-        });
+    parallel_for(threads, blocks_.size(), [&](std::size_t block) {
+        constexpr float kUnknown = std::numeric_limits<float>::max();
+        CellFilter(tree_, reflectance_, sums, criteria, settings.sharing, out)
+            .filter(tree_.cells()[blocks_[block]], {true, true}, {kUnknown, kUnknown});
     });
     return out;
 }

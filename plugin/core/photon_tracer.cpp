@@ -4,11 +4,9 @@
 #include <cmath>
 #include <vector>
 
-#include <tbb/blocked_range.h>
 #include <tbb/enumerable_thread_specific.h>
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
 
+#include "core/parallel.h"
 #include "core/sampling.h"
 
 namespace isolux {
@@ -201,14 +199,11 @@ void trace_photons(const Scene& scene, std::uint64_t seed, PhotonRange range, in
     PhotonBuckets::Ends none;
     none.back_hits.resize(scene.mesh().meshes.size());
     tbb::enumerable_thread_specific<PhotonBuckets::Ends> ends(none);
-    tbb::task_arena(threads).execute([&] {
-        tbb::parallel_for(
-            tbb::blocked_range<std::uint64_t>(range.first, range.first + range.count, kGrain),
-            [&](const auto& block) {
-                PhotonWalk walk(scene, buckets, ends.local());
-                walk.trace(seed, block.begin(), block.end());
-            });
-    });
+    parallel_blocks(threads, range.first, range.first + range.count, kGrain,
+                    [&](std::uint64_t begin, std::uint64_t end) {
+                        PhotonWalk walk(scene, buckets, ends.local());
+                        walk.trace(seed, begin, end);
+                    });
     for (const auto& e : ends) {
         buckets.add_ends(e);
     }

@@ -7,10 +7,7 @@
 #include <cmath>
 #include <numbers>
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
-
+#include "core/parallel.h"
 #include "core/random.h"
 #include "core/sampling.h"
 #include "core/sobol.h"
@@ -103,12 +100,10 @@ ShootingProgress ProgressiveRadiosity::advance(std::uint64_t ray_budget, int thr
                                          settings_.seed + mix64(++sweep_));
         received_.assign(hierarchy_.nodes.size(), {});
         std::atomic<std::uint64_t> rays{0};
-        tbb::task_arena(threads).execute([&] {
-            tbb::parallel_for(std::size_t{0}, hierarchy_.element_sides.size(), [&](std::size_t i) {
-                std::uint64_t own = 0;
-                exchange.onto(hierarchy_.element_sides[i], received_, own);
-                rays += own;
-            });
+        parallel_for(threads, hierarchy_.element_sides.size(), [&](std::size_t i) {
+            std::uint64_t own = 0;
+            exchange.onto(hierarchy_.element_sides[i], received_, own);
+            rays += own;
         });
         Vec3d shot, received, lost; // lm by channel
         for (std::size_t i = 0; i < hierarchy_.leaves.size(); ++i) {
@@ -184,8 +179,7 @@ IndirectIllumination ProgressiveRadiosity::indirect(std::span<const Receiver> re
             static_cast<float>(std::sqrt(found.variance + leaves * leaves + truncated * truncated));
     };
     if (!hierarchy_.nodes.empty()) {
-        tbb::task_arena(threads).execute(
-            [&] { tbb::parallel_for(std::size_t{0}, receivers.size(), illuminate); });
+        parallel_for(threads, receivers.size(), illuminate);
     }
     out.rays = rays;
     return out;
@@ -217,8 +211,7 @@ void ProgressiveRadiosity::find_losses(int threads) {
         }
         lost_[i] = static_cast<double>(lost) / kLossRays;
     };
-    tbb::task_arena(threads).execute(
-        [&] { tbb::parallel_for(std::size_t{0}, lost_.size(), find); });
+    parallel_for(threads, lost_.size(), find);
     progress_.rays += lost_.size() * kLossRays;
 }
 

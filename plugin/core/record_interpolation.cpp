@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include <nanoflann.hpp>
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
+
+#include "core/parallel.h"
 
 namespace isolux {
 namespace {
@@ -31,10 +31,6 @@ struct Points {
 
 using Index = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, Points>,
                                                   Points, 6, std::uint32_t>;
-
-template <typename F> void for_each(int threads, std::size_t count, const F& f) {
-    tbb::task_arena(threads).execute([&] { tbb::parallel_for(std::size_t{0}, count, f); });
-}
 
 } // namespace
 
@@ -192,14 +188,14 @@ void RecordInterpolation::solve(Neighbourhood& hood, std::span<const Vec3f> illu
 void RecordInterpolation::fit(std::span<const Vec3f> illuminance, std::span<const double> noise,
                               std::span<const float> areas, int threads) {
     illuminance_.assign(illuminance.begin(), illuminance.end());
-    for_each(threads, hoods_.size(), [&](std::size_t i) { find_neighbours(i); });
+    parallel_for(threads, hoods_.size(), [&](std::size_t i) { find_neighbours(i); });
     // How strongly light varies: from squared differences of neighbours, less their noise, over
     // what they would be for a variance of 1. First of all records, relative to their illuminance.
     struct Moments {
         double difference = 0.0, expected = 0.0, relative = 0.0;
     };
     std::vector<Moments> moments(hoods_.size());
-    for_each(threads, hoods_.size(), [&](std::size_t i) {
+    parallel_for(threads, hoods_.size(), [&](std::size_t i) {
         const Neighbourhood& hood = hoods_[i];
         const double e = luminance(illuminance[i]);
         for (std::size_t k = 1; k < hood.count; ++k) {
@@ -224,7 +220,7 @@ void RecordInterpolation::fit(std::span<const Vec3f> illuminance, std::span<cons
     const double c2 =
         all.relative > 0.0 ? std::clamp(all.difference / all.relative, 1e-6, 100.0) : 1.0;
     std::vector<std::array<double, 2>> left_out(hoods_.size()); // squared error, expected
-    for_each(threads, hoods_.size(), [&](std::size_t i) {
+    parallel_for(threads, hoods_.size(), [&](std::size_t i) {
         Neighbourhood& hood = hoods_[i];
         double square = 0.0;
         for (std::size_t k = 0; k < hood.count; ++k) {

@@ -4,8 +4,7 @@
 #include <cmath>
 #include <numeric>
 
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
+#include "core/parallel.h"
 
 namespace isolux {
 namespace {
@@ -19,10 +18,6 @@ constexpr double kHiddenShare = 0.2;
 constexpr float kFirstRoughness = 0.1F;
 // Square distance of records, in scales, nearer than which their difference says little of it.
 constexpr float kLeastApart = 0.01F;
-
-template <typename F> void for_each(int threads, std::size_t count, const F& f) {
-    tbb::task_arena(threads).execute([&] { tbb::parallel_for(std::size_t{0}, count, f); });
-}
 
 } // namespace
 
@@ -81,7 +76,7 @@ void SparseGather::trace(std::span<const std::int32_t> records, std::uint32_t fa
     for (const std::int32_t r : records) {
         rays_ -= records_[r].all_rays();
     }
-    for_each(threads, records.size(), [&](std::size_t i) {
+    parallel_for(threads, records.size(), [&](std::size_t i) {
         GatherRecord& record = records_[records[i]];
         tracer_.trace(receivers_[record.vertex], rays(record), record);
         look_up(exitances, record);
@@ -239,7 +234,7 @@ std::vector<SparseGather::Anchor> SparseGather::anchors(const RecordInterpolatio
             out[v].owner = record_of_[v] >= 0 ? record_of_[v] : cell.record;
         }
     }
-    for_each(threads, out.size(), [&](std::size_t v) {
+    parallel_for(threads, out.size(), [&](std::size_t v) {
         if (out[v].owner >= 0) {
             out[v].record = interpolation.anchor(static_cast<std::int32_t>(v), out[v].owner);
         }
@@ -256,7 +251,7 @@ void SparseGather::add_hidden(std::span<const Anchor> anchors,
         std::int32_t vertex;
     };
     std::vector<std::vector<Hidden>> of_cell(cells_.size());
-    for_each(threads, cells_.size(), [&](std::size_t c) {
+    parallel_for(threads, cells_.size(), [&](std::size_t c) {
         const VertexCluster& cluster = clusters_.clusters()[cells_[c].cluster];
         const float e = luminance(records_[cells_[c].record].illuminance);
         for (std::int32_t i = cluster.begin; i < cluster.end; ++i) {
@@ -377,7 +372,7 @@ GatheredIllumination SparseGather::advance(std::span<const Vec3f> illuminance,
     }
     const std::uint64_t rays_before = rays_;
     const std::vector<Exitance> seen = exitances(illuminance);
-    for_each(threads, records_.size(), [&](std::size_t i) { look_up(seen, records_[i]); });
+    parallel_for(threads, records_.size(), [&](std::size_t i) { look_up(seen, records_[i]); });
     const std::uint64_t end = rays_ + ray_budget;
     refine(end - static_cast<std::uint64_t>(kHiddenShare * static_cast<double>(ray_budget)), seen,
            threads);
@@ -391,7 +386,7 @@ GatheredIllumination SparseGather::advance(std::span<const Vec3f> illuminance,
     RecordInterpolation fine = interpolation();
     const std::vector<Anchor> anchored = anchors(fine, threads);
     fit(fine, threads);
-    for_each(threads, receivers_.size(), [&](std::size_t v) {
+    parallel_for(threads, receivers_.size(), [&](std::size_t v) {
         const auto [owner, record] = anchored[v];
         if (owner < 0) {
             return;

@@ -14,6 +14,7 @@ from typing import Any
 from pxr import Ar, Sdf, Tf, Usd, UsdUtils
 
 from .errors import SceneError, SettingsError
+from .usd_messages import usd_message
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +99,8 @@ def open_noisily(name: str, opening: StageOpening = AS_IT_STANDS) -> Usd.Stage:
     try:
         stage = _open(name, opening)
     except Tf.ErrorException as error:
-        reason = " ".join(error.args[0].commentary.split()) if error.args else "no reason given"
-        raise SceneError(name, f"no readable USD ({reason})", "a USD stage") from None
+        reason = f"no readable USD ({usd_message(error)})"
+        raise SceneError(name, reason, "a USD stage") from None
     for choice in opening.variants:
         _require_variant(stage, choice)
     for path in opening.mask:

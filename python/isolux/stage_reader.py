@@ -33,6 +33,7 @@ from .scene_description import (
 from .settings import SolverSettings, settings_from_stage
 from .stage_opening import AS_IT_STANDS, StageOpening, open_noisily
 from .unreadable_prims import is_in_reach, skipped_where_unreadable
+from .usd_messages import usd_message
 
 # Bytes of a layer hashed at a time: little memory, and few turns with the thread that reads.
 HASHED_PIECE = 1 << 22
@@ -210,7 +211,7 @@ def _note_diagnostics(
     diagnostics: UsdUtils.CoalescingDiagnosticDelegate, context: ReadingContext
 ) -> None:
     """Warnings of USD itself, apart from the composition errors, which know their prim."""
-    messages = [d.commentary for d in diagnostics.TakeUncoalescedDiagnostics()]
+    messages = [usd_message(d) for d in diagnostics.TakeUncoalescedDiagnostics()]
     for message in dict.fromkeys(messages):
         if "ing stage on stage @" not in message:
             context.note(Sdf.Path.absoluteRootPath, "USD", "noted", message)

@@ -12,6 +12,7 @@ from . import _core
 from .attribute_values import ArrayError
 from .reading_context import ReadingContext
 from .scene_description import LuminaireDescription
+from .usd_messages import usd_message
 
 
 @contextmanager
@@ -22,8 +23,7 @@ def skipped_where_unreadable(prim: Usd.Prim, context: ReadingContext) -> Iterato
     except ArrayError as error:
         context.note(prim, str(prim.GetTypeName()), "skipped", str(error))
     except Tf.ErrorException as error:
-        said = " ".join(error.args[0].commentary.split()) if error.args else "no reason given"
-        context.note(prim, str(prim.GetTypeName()), "skipped", f"USD: {said}")
+        context.note(prim, str(prim.GetTypeName()), "skipped", f"USD: {usd_message(error)}")
 
 
 def is_in_reach(luminaire: LuminaireDescription, prim: Usd.Prim, context: ReadingContext) -> bool:

@@ -395,7 +395,7 @@ def metadata() -> dict[str, Hostile]:
         "metersPerUnit of 1e30": Hostile(
             with_("    metersPerUnit = 1e30\n"), error=("no mesh",), code=3
         ),
-        "upAxis garbage": Hostile(room(header=HEADER.replace('"Z"', '"Q"'))),
+        "upAxis garbage": Hostile(room(header=HEADER.replace('"Z"', '"Q"')), (("/", "repaired"),)),
         "start of NaN": Hostile(
             with_("    metersPerUnit = 1\n    startTimeCode = nan\n    endTimeCode = nan\n")
         ),

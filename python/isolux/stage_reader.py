@@ -86,6 +86,7 @@ def read_source(
         hashing = _hash_beside(opened.GetUsedLayers())
         _note_composition_errors(opened, context)
         _note_parts_left_out(opened, context)
+        up_axis = _up_axis(opened, context)
         meshes, luminaires, instanced = _read_prims(opened, context)
         _note_diagnostics(diagnostics, context)
         scene = SceneDescription(
@@ -93,7 +94,7 @@ def read_source(
             luminaires=tuple(luminaires),
             findings=tuple(context.findings),
             meters_per_unit=context.meters_per_unit,
-            up_axis=str(UsdGeom.GetStageUpAxis(opened)),
+            up_axis=up_axis,
             time_code=time_code,
             source_hash=hashing.result(),
             read_seconds=time.perf_counter() - started,
@@ -194,6 +195,17 @@ def _note_composition_errors(stage: Usd.Stage, context: ReadingContext) -> None:
     """References and payloads that lead nowhere leave parts of the stage missing."""
     for error in stage.GetCompositionErrors():
         context.note(error.rootSite.path, "composition", "skipped", " ".join(str(error).split()))
+
+
+def _up_axis(stage: Usd.Stage, context: ReadingContext) -> str:
+    """ "Y" or "Z"."""
+    axis = str(UsdGeom.GetStageUpAxis(stage))
+    if axis in (UsdGeom.Tokens.y, UsdGeom.Tokens.z):
+        return axis
+    instead = str(UsdGeom.GetFallbackUpAxis())
+    reason = f"{axis!r} is neither Y nor Z: taken as {instead}"
+    context.note(Sdf.Path.absoluteRootPath, "upAxis", "repaired", reason)
+    return instead
 
 
 def _note_parts_left_out(stage: Usd.Stage, context: ReadingContext) -> None:

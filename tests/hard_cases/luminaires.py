@@ -58,7 +58,8 @@ def touching() -> None:
     "The limit from outside.",
     "πL",
     part="b",
-    fails="0 there: a point on the sphere counts as inside of it",
+    fails="0 there: a point on the sphere counts as inside of it; 10⁻² R beside it the light is "
+    "right (case 7)",
 )
 def point_of_touch() -> None:
     lit = directly_lit(mesh("Floor", FLOOR) + sphere_light(100.0, 0.5, (0, 0, 0.5)))

@@ -24,10 +24,10 @@ def page() -> str:
     rows = "\n".join(f"- **{label(case)}, {case.name}:** {case.fails}." for case in failing)
     return f"""# Hard cases
 
-Made from the table in this folder by `python -m hard_cases.page`; a test compares the two. Each row
-is a small stage, solved, and compared with something that is known without the solver. `pytest
-tests/hard_cases` runs them; those that fail are expected to, and to be struck off here once they
-don't.
+Made from the table in this folder by `PYTHONPATH=.:tests python -m hard_cases.page`; a test
+compares the two. Each row is a small stage, solved, and compared with something that is known
+without the solver. `pytest tests/hard_cases` runs them all: what fails here has to fail there, so
+that a row changes once the solver does.
 
 {len(TABLE)} checks, {len(TABLE) - len(failing)} pass, {len(failing)} fail.
 

@@ -78,7 +78,7 @@ def impossible() -> None:
     "0 or 1 photon at a vertex",
     "Such a vertex has an interval of plausible means, and never no error.",
     "P(0 | high) = P(1 | low) = P(1 | high) = 5 % of the Poisson distribution; over 100 seeds of "
-    "one photon a vertex the true mean lies in nine intervals of ten",
+    "100 photons on 150 vertices nine intervals of ten hold the true mean",
 )
 def few_photons() -> None:
     for n in (0, 1):
@@ -120,8 +120,8 @@ def open_scene() -> None:
     25,
     "10⁹ photons and more",
     "Counts are exact beyond 2³²; photons past 2³² are new ones; sums lose nothing.",
-    "buckets added to themselves 20 times: 2²⁰ times the counts, the same illuminance; ρ = 0: E = "
-    "Φ/A from photons around number 2³²",
+    "buckets added to themselves 20 times: 2²⁰ times the counts, the same illuminance; "
+    "photons around number 2³² against the first ones by χ²",
 )
 def many_photons() -> None:
     once = trace([surface(SHAPE)], [luminaire(FLUX)], 20_000)

@@ -124,6 +124,16 @@ def test_without_reflection_direct_light_is_all():
     assert run.photons == 0
 
 
+@pytest.mark.parametrize("stages", range(1, 6))
+@pytest.mark.parametrize("finished", [False, True])
+def test_without_reflection_a_refined_run_shows_a_stage_however_few_there_are(stages, finished):
+    settings = SolverSettings(output_mode="refined", subdivision_iterations=3, stages=stages)
+    run = SimulatedRun(settings, reflects=False, mesh_finished=finished)
+    every = made("ddl+hpr", run)
+    assert 1 <= len(shown(every)) <= stages
+    assert every[-1].shown
+
+
 def test_a_budget_too_short_for_direct_lighting_goes_to_photons():
     run = SimulatedRun(SolverSettings(target_error=0, time_budget=2.0), first_iteration=5.0)
     every = made("composite", run)

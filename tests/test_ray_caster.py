@@ -133,3 +133,13 @@ def test_a_cube_is_hit_on_each_face_from_its_centre():
     )
     assert (triangle // 2).tolist() == [0, 1, 2, 3, 4, 5]
     assert distance == pytest.approx(np.full(6, 0.5))
+
+
+@pytest.mark.parametrize("count", [0, 1023, 1024, 2048])
+def test_any_number_of_shadow_rays(count):
+    """Rays are traced in blocks of 1024."""
+    caster = RayCaster(TRIANGLE, ONE)
+    start = np.tile([1.0, 0.5, 5.0], (count, 1))
+    passed = caster.transmitted(start, start - [0, 0, 10])
+    assert passed.shape == (count,)
+    assert not passed.any()

@@ -71,7 +71,8 @@ Out<float> transmitted(const RayCaster& caster, const In3<double>& origins,
         parallel_for(kAllThreads, rays.size() / kRaysAtOnce + 1, [&](std::size_t block) {
             const std::size_t first = block * kRaysAtOnce;
             const std::size_t count = std::min(kRaysAtOnce, rays.size() - first);
-            caster.transmitted({&rays[first], count}, {&out[first], count});
+            caster.transmitted(std::span(rays).subspan(first, count),
+                               std::span(out).subspan(first, count));
         });
     }
     return hand_over(std::move(out));

@@ -140,7 +140,7 @@ def _hole_faces(mesh: UsdGeom.Mesh, face_count: int, context: ReadingContext) ->
         reason = f"{len(holes) - len(inside)} hole indices name no face and are ignored"
         context.note(mesh.GetPrim(), "holeIndices", "repaired", reason)
     if len(inside):
-        reason = f"{len(inside)} hole faces are left open"
+        reason = f"{len(inside)} hole {'face' if len(inside) == 1 else 'faces'} left open"
         context.note(mesh.GetPrim(), "holeIndices", "noted", reason)
     return inside
 

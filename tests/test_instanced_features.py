@@ -14,6 +14,7 @@ from instanced_stages import (
     LEAN,
     PLACES,
     SETTINGS,
+    SHADE,
     SMALL_LAMP,
     WEDGE,
     assert_lit_as_by_hand,
@@ -94,6 +95,20 @@ GLASS = WEDGE.replace("color3f[]", "float[] primvars:displayOpacity = [0.4]\ncol
 MOVES = [(-1, -1, 0), (1, 0.5, 0)]
 
 
+def bulb_for(path: str) -> str:
+    """A light that lights one prim alone."""
+    return f"""def SphereLight "Bulb" ( prepend apiSchemas = ["CollectionAPI:lightLink"] ) {{
+        uniform bool collection:lightLink:includeRoot = 0
+        rel collection:lightLink:includes = <{path}>
+        float inputs:intensity = 50
+        bool inputs:normalize = true
+        float inputs:radius = 1e-6
+        double3 xformOp:translate = (0, 0, 1.6)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }}
+    """
+
+
 def as_instances(contents: str) -> tuple[str, str, str]:
     """Prototypes; instances of one with these contents; the same by hand."""
     return (
@@ -125,6 +140,12 @@ def as_prototype(gprim: str) -> tuple[str, str, str]:
 
 
 FEATURES = {
+    "linked lights in instances": as_instances(WEDGE + SHADE + bulb_for("../Wedge")),
+    "linked lights in point instances": as_points(WEDGE + SHADE + bulb_for("../Wedge")),
+    "a light linked to one instance": tuple(
+        part + (bulb_for("/World/I1/Wedge") if part and i else "")
+        for i, part in enumerate(as_instances(WEDGE + SHADE))
+    ),
     "shapes in instances": as_instances(BALL + BOX + WEDGE),
     "shapes in point instances": as_points(BALL + BOX + WEDGE),
     "a shape as the prototype": as_prototype(BOX),

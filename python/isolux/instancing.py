@@ -45,11 +45,17 @@ class Placed:
     prim : on the source stage; below an instance its proxy
     path : where it is in the results once nothing is instanced any more
     again : its meshes are known and placed: only its light is to be read
+    source : its path on the source stage, where prim is the same in another instance; "": prim's
     """
 
     prim: Usd.Prim
     path: str
     again: bool = False
+    source: str = ""
+
+    @property
+    def source_path(self) -> str:
+        return self.source or str(self.prim.GetPath())
 
     def mesh(self, read: MeshDescription) -> MeshDescription:
         """The mesh that was read of the prim, at this path."""
@@ -297,7 +303,12 @@ class InstanceWalk:
             )
         outer = context.frame
         for placed, frame in known.lights:
-            again = replace(placed, path=path + placed.path[len(known.path) :], again=True)
+            again = Placed(
+                placed.prim,
+                path + placed.path[len(known.path) :],
+                again=True,
+                source=_rebased(placed.source_path, known.source, source),
+            )
             context.frame = (frame or Frame(None, np.eye(4), "", "")).moved(moved)
             if self._depth:
                 self._lights.append((again, context.frame))

@@ -26,9 +26,10 @@ def link_luminaires(
     """
     linked = []
     for luminaire in luminaires:
-        prim = stage.GetPrimAtPath(sources.get(luminaire.path, luminaire.path))
-        lit = _members(prim, "lightLink", meshes, context)
-        shadow = _members(prim, "shadowLink", meshes, context)
+        path = luminaire.path
+        prim = stage.GetPrimAtPath(sources.get(path, path))
+        lit = _members(prim, path, "lightLink", meshes, context)
+        shadow = _members(prim, path, "shadowLink", meshes, context)
         if not context.value(prim, "inputs:shadow:enable", True):
             shadow = frozenset()
         if lit is not None or shadow is not None:
@@ -38,9 +39,12 @@ def link_luminaires(
 
 
 def _members(
-    prim: Usd.Prim, name: str, meshes: Sequence[MeshDescription], context: ReadingContext
+    prim: Usd.Prim, path: str, name: str, meshes: Sequence[MeshDescription], context: ReadingContext
 ) -> frozenset[str] | None:
-    """Paths of the meshes in a collection; None: all."""
+    """Paths of the meshes in a collection; None: all.
+
+    path : of the luminaire in the results
+    """
     if not prim or not prim.HasAPI(Usd.CollectionAPI, name):
         return None
     collection = Usd.CollectionAPI(prim, name)
@@ -53,11 +57,29 @@ def _members(
     if not is_restricted:
         return None
     query = collection.ComputeMembershipQuery()
+    copy, prototype = _copy_of_prototype(path, str(prim.GetPath()))
     members = frozenset(
-        mesh.path for mesh in meshes if query.IsPathIncluded(mesh.source_path or mesh.path)
+        mesh.path
+        for mesh in meshes
+        if query.IsPathIncluded(mesh.source_path or mesh.path)
+        and (mesh.path.startswith(copy) or not mesh.source_path.startswith(prototype))
     )
     if len(members) == len(meshes):
         return None
     if name == "lightLink" and not members:
         context.note(prim, name, "noted", "it holds no mesh: the light lights nothing")
     return members
+
+
+def _copy_of_prototype(path: str, source: str) -> tuple[str, str]:
+    """What a light in a copy of a point instancer's prototype says of the prototype holds there.
+
+    returns : beginnings of paths, in the results and on the source stage, that differ
+    """
+    if path == source:
+        return "/", "/"
+    parts, others = path.split("/"), source.split("/")
+    while len(parts) > 2 and len(others) > 2 and parts[-1] == others[-1]:
+        parts.pop()
+        others.pop()
+    return "/".join(parts) + "/", "/".join(others) + "/"

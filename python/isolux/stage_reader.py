@@ -131,7 +131,7 @@ def _read_prims(
             with skipped_where_unreadable(prim, context):
                 luminaire = read_light(prim, context)
                 if luminaire and is_in_reach(luminaire, prim, context):
-                    sources[placed.path] = luminaire.path
+                    sources[placed.path] = placed.source_path
                     luminaires.append(replace(luminaire, path=placed.path))
                     context.count_read(prim)
         if placed.again:

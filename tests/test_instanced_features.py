@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import UsdGeom
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom, UsdShade
+from typer.testing import CliRunner
 
 import isolux
 from cages import CUBE_FACES, CUBE_POINTS, mesh_usda
@@ -28,9 +30,11 @@ from instanced_stages import (
     world_points,
 )
 from isolux.cage_results import BOUNDED_ACCURACY, CageFits, CageOutput
+from isolux.cli import app
+from isolux.preview_layer import write_preview
 from isolux.scene_description import SceneDescription
 from small_room import FLOOR, WALLS
-from usda_stage import read_usda
+from usda_stage import METRES, read_usda
 
 MOVED = """double3 xformOp:translate = (0.2, 0.1, 0.8)
     uniform token[] xformOpOrder = ["xformOp:translate"]
@@ -232,3 +236,81 @@ def test_copies_of_a_cage_are_fitted_by_one_set_of_equations() -> None:
     )
     assert turned is first
     assert stretched is not first and stretched.stencils is first.stencils
+
+
+MOVES_INSTANCE = instance("Moving", "/Model").replace("{\n", """{
+    double3 xformOp:translate.timeSamples = { 1: (-1, 0, 0), 3: (1, 0, 0) }
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+""")  # fmt: skip
+MOVES_POINTS = instancer("Moving", "/Model", MOVES).replace(
+    f"positions = {MOVES}", "positions.timeSamples = { 1: [(-1, 0, 0), (0, 1, 0)], "
+    "3: [(1, 0, 0), (0, 1, 0.5)] }"
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("instances", ["expand", "summary"])
+@pytest.mark.parametrize("moving", [MOVES_INSTANCE, MOVES_POINTS])
+def test_each_frame_of_moving_instances_is_a_solve_at_its_time(
+    tmp_path: Path, moving: str, instances: str
+) -> None:
+    source = tmp_path / "source.usda"
+    world = prim("World", FLOOR + WALLS + SMALL_LAMP + moving)
+    model = prim("Model", WEDGE + BALL, kind="class Xform")
+    source.write_text(f"#usda 1.0\n{METRES}{model}{world}", encoding="utf-8")
+    options = ["--method", "dept", "--photons", "4000", "--stages", "2", "--instances", instances]
+
+    def bake(name: str, *times: str) -> Usd.Stage:
+        output = tmp_path / f"{name}.usda"
+        run = CliRunner().invoke(app, ["solve", str(source), "-o", str(output), *times, *options])
+        assert run.exit_code == 0, run.stderr
+        return Usd.Stage.Open(str(output))
+
+    shot = bake("shot", "--frames", "1:3")
+    assert not shot.GetCompositionErrors()
+    for frame in (1, 2, 3):
+        shown, wanted = (
+            baked_values(*each)
+            for each in ((shot, frame, frame), (bake(f"at{frame}", "--time", str(frame)), frame, 2))
+        )
+        assert shown.keys() == wanted.keys() and len(shown) > 2
+        for path, (place, light) in wanted.items():
+            assert shown[path][0] == pytest.approx(place, abs=1e-9)
+            assert shown[path][1] == pytest.approx(light, rel=1e-6), path
+
+
+def baked_values(
+    stage: Usd.Stage, frame: float, time: float
+) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """World matrix and direct light, by corner, of every visible prim that has any."""
+    found = {}
+    for each in stage.Traverse(Usd.TraverseInstanceProxies()):
+        primvar = UsdGeom.PrimvarsAPI(each).GetPrimvar("isolux:direct")
+        hidden = UsdGeom.Imageable(each).ComputeVisibility(frame) == UsdGeom.Tokens.invisible
+        if not hidden and each.HasAttribute("primvars:isolux:direct"):
+            values = np.array(primvar.ComputeFlattened(time), float)
+            if each.IsA(UsdGeom.Mesh) and primvar.GetInterpolation() == UsdGeom.Tokens.vertex:
+                values = values[UsdGeom.Mesh(each).GetFaceVertexIndicesAttr().Get(frame)]
+            place = UsdGeom.Imageable(each).ComputeLocalToWorldTransform(frame)
+            found[str(each.GetPath())] = np.array(place), values
+    return found
+
+
+@pytest.mark.parametrize("case", ["instances", "points"])
+def test_the_preview_shows_every_copy_in_its_baked_colour(tmp_path: Path, case: str) -> None:
+    """Whatever material the prototype has bound, stronger than what is bound below it."""
+    red = """rel material:binding = </Red> ( bindMaterialAs = "strongerThanDescendants" )
+    """
+    contents = WEDGE + BALL.replace("double radius", f"{red}double radius")
+    prototypes, instanced, _ = (as_instances if case == "instances" else as_points)(contents)
+    prototypes = prototypes.replace("class Xform", 'def Material "Red" {\n}\nclass Xform', 1)
+    stage, scene = baked(tmp_path, "shown", prototypes, instanced)
+    assert write_preview(tmp_path / "shown.isolux.usda") == []
+    preview = Usd.Stage.Open(str(tmp_path / "shown.isolux.preview.usda"))
+    meshes = shown_meshes(preview)
+    assert meshes.keys() == shown_meshes(stage).keys() == {mesh.path for mesh in scene.meshes}
+    for path, mesh in meshes.items():
+        bound, _ = UsdShade.MaterialBindingAPI(mesh).ComputeBoundMaterial()
+        assert bound.GetPath() == "/IsoluxPreview/Bake", path
+        colour = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("displayColor")
+        other = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath(path)).GetPrimvar("displayColor")
+        assert colour.ComputeFlattened(3.0) == other.ComputeFlattened(3.0)

@@ -82,7 +82,13 @@ class FramesWriter:
         """
         settings = self._settings
         writer = ResultsWriter(
-            self._source, self._output, scene, provenance, self._display, settings.output_mode
+            self._source,
+            self._output,
+            scene,
+            provenance,
+            self._display,
+            settings.output_mode,
+            settings.instances,
         )
         writer.add(solution)
         layer = writer.layer
@@ -117,7 +123,7 @@ class FramesWriter:
     def _may_change(self, mesh: MeshDescription) -> bool:
         """Whether a mesh's layout of values may be another at another time."""
         if mesh.path not in self._changes:
-            prim = self._source.GetPrimAtPath(mesh.path)
+            prim = self._source.GetPrimAtPath(mesh.source_path or mesh.path)
             # What parts the values of a subdivision surface is authored: its points don't.
             self._changes[mesh.path] = mesh.cage is None and (
                 self._shading_changes

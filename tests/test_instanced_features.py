@@ -143,6 +143,16 @@ def as_prototype(gprim: str) -> tuple[str, str, str]:
     return (gprim, instancer("Field", "/Box", MOVES), prim("Field", copies))
 
 
+# The skeleton beside the instances: what it poses stands where it does.
+ROOT, POSED = ARM.split('    def Mesh "Arm"')
+ROOT = ROOT.replace(
+    'def SkelRoot "Root" {\n',
+    """def SkelRoot "Root" ( prepend apiSchemas = ["SkelBindingAPI"] ) {
+    rel skel:skeleton = </World/Root/Skeleton>\n""",
+)
+POSED = 'def Mesh "Arm"' + POSED.replace("rel skel:skeleton = <../Skeleton>", "")
+POSED = POSED.rstrip().removesuffix("}")
+
 FEATURES = {
     "linked lights in instances": as_instances(WEDGE + SHADE + bulb_for("../Wedge")),
     "linked lights in point instances": as_points(WEDGE + SHADE + bulb_for("../Wedge")),
@@ -159,6 +169,9 @@ FEATURES = {
     "mesh lights in point instances": as_points(GLOWING + WEDGE),
     "what light goes through, in instances": as_instances(GLASS),
     "what light goes through, in point instances": as_points(GLASS),
+    "skinned meshes in instances, the skeleton beside them": tuple(
+        part if i == 0 else ROOT + part + "}\n" for i, part in enumerate(as_instances(POSED))
+    ),
     "skinned meshes in instances": as_instances(ARM),
     "skinned meshes in point instances": as_points(ARM),
 }

@@ -38,7 +38,10 @@ def read_gprim(
         context.note(prim, kind, "skipped", "its transform is singular or not finite")
         return None
     flat = kind in ("Cube", "Plane", "TetMesh")
-    reason = f"read as {len(shape.counts)} faces; a Mesh in the results"
+    reason = f"read as {len(shape.counts)} faces"
+    is_instanced = prim.IsInstanceProxy() or context.frame is not None
+    if not (is_instanced and context.settings.instances == "summary"):
+        reason += "; a Mesh in the results"
     context.note(prim, kind, "noted" if flat else "approximated", reason)
     if prim.HasAttribute("primvars:skel:jointIndices"):
         reason = f"skinned {kind} read in its rest pose: meshes are posed"

@@ -32,7 +32,8 @@ MOST_UNEVEN = 1e6
 
 # Properties below these names reach the prims below, so that instances of one prototype differ.
 _INHERITED = ("primvars:", "material:binding", "skel:", "purpose")
-_BY_COLLECTION = "material:binding:collection"
+# But of these each place has its own: by its path, or by where a skeleton beside it stands.
+_BY_PLACE = ("material:binding:collection", "skel:skeleton")
 _INSIDE_PROTOTYPE = Usd.PrimIsActive  # a prototype may be an over or a class
 
 Matrix = NDArray[np.float64]
@@ -168,7 +169,7 @@ class InstanceWalk:
             return
         inherited = self._inherited_by(prim)
         key: tuple[Any, ...] | None = None
-        if _BY_COLLECTION not in inherited:  # else each path may have its own material
+        if _BY_PLACE not in inherited:
             key = (prim.GetPrototype().GetPath(), *inherited)
         children: list[Usd.Prim] = []
         if key not in self._known:
@@ -337,8 +338,8 @@ class InstanceWalk:
         if path not in self._inherited:
             own: list[Any] = []
             for name in prim.GetAuthoredPropertyNames():
-                if name.startswith(_BY_COLLECTION):
-                    own.append(_BY_COLLECTION)
+                if name.startswith(_BY_PLACE):
+                    own.append(_BY_PLACE)
                 elif name.startswith(_INHERITED):
                     own.append((name, *self._told_by(prim.GetProperty(name))))
             self._inherited[path] = (*self._inherited_by(prim.GetParent()), *own)

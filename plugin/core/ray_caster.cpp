@@ -312,6 +312,9 @@ RayCaster::RayCaster(RayTargets targets, int threads)
     least_offset_ =
         kRelativeOffset * 0x1p-3F * static_cast<float>(std::max({half.x, half.y, half.z}));
 
+#ifdef __SANITIZE_THREAD__
+    threads = 1; // as in parallel.h, of Embree's library
+#endif
     tbb::task_arena(threads).execute([&] {
         const auto count = static_cast<std::int32_t>(triangles.size());
         std::vector<TriangleCopies> placed(targets.copies);

@@ -94,10 +94,14 @@ class MeshTopology:
         if interpolation in ("constant", "uniform"):
             return values
         corners = self.to_corners(values, interpolation)
-        sums = np.zeros((len(corners) + 1, values.shape[1]))
-        np.cumsum(corners, axis=0, dtype=np.float64, out=sums[1:])
-        starts = self.starts
-        totals = sums[starts + self.counts] - sums[starts]
+        totals = np.zeros((len(self.counts), values.shape[1]))
+        filled = self.counts > 0
+        if filled.any():
+            # Face by face: what is infinite or huge in one is nothing to the others.
+            with np.errstate(invalid="ignore"):
+                totals[filled] = np.add.reduceat(
+                    corners, self.starts[filled], axis=0, dtype=np.float64
+                )
         return totals / np.maximum(self.counts, 1)[:, None]
 
     def face_normals(

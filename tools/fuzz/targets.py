@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import os
 import shutil
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,7 @@ def read_stage_text(content: bytes, folder: Path) -> bool:
     # USD knows a file by its name as long as somebody holds it.
     path = folder / f"stage_{os.getpid()}_{next(_number)}.usda"
     path.write_bytes(content)
+    warnings.simplefilter("error", RuntimeWarning)  # of NumPy, which would reach the terminal
     try:
         scene = read_stage(path)
         _check_scene(scene)

@@ -384,6 +384,7 @@ def metadata() -> dict[str, Hostile]:
         "NaN": "nan",
         "infinite": "inf",
         "of 1e-40": "1e-40",
+        "of 1e200": "1e200",
     }
     cases = {
         f"metersPerUnit {name}": Hostile(

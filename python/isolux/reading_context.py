@@ -29,6 +29,8 @@ SINGULAR_SCALE = 1e-12
 LARGEST_SCALE = 1e60
 # m; a picometre, with which no surface is measured.
 LEAST_UNIT = 1e-12
+# m; areas and volumes in it are still numbers.
+LARGEST_UNIT = 1e60
 NO_TRANSFORM = "its transform is singular, not finite or not readable"
 
 
@@ -78,11 +80,11 @@ class ReadingContext:
         self.threads = settings.threads or len(os.sched_getaffinity(0))
         self.time = Usd.TimeCode.EarliestTime() if time_code is None else Usd.TimeCode(time_code)
         self.meters_per_unit = float(UsdGeom.GetStageMetersPerUnit(stage))
-        if not LEAST_UNIT <= self.meters_per_unit < math.inf:
+        if not LEAST_UNIT <= self.meters_per_unit <= LARGEST_UNIT:
             raise SceneError(
                 stage.GetRootLayer().identifier,
                 f"metersPerUnit = {self.meters_per_unit:g}",
-                f"a finite number of {LEAST_UNIT:g} or more",
+                f"a number from {LEAST_UNIT:g} to {LARGEST_UNIT:g}",
             )
         self.findings: list[Finding] = []
         self._stage = stage

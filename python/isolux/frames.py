@@ -21,8 +21,9 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdUtils, Vt
 
 from .display_view import DisplayView
 from .errors import SceneError
+from .layer_authoring import export_layer
 from .output_fields import OUTPUT_FIELDS
-from .results import ResultsWriter, export_layer
+from .results import ResultsWriter
 from .scene_description import MeshDescription, SceneDescription
 from .settings import SolverSettings
 from .solution import Solution

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from pxr import Sdf, Tf, Usd, UsdGeom, UsdShade
 
-from .atomic_file import replace_atomically
 from .errors import SceneError
+from .layer_authoring import export_layer
 from .scene_description import Finding
 
 _BAKED = "primvars:displayColor"
@@ -59,12 +59,7 @@ def write_preview(results: Path) -> list[Finding]:
     written.subLayerPaths = [
         f"./{results.name}"
     ]  # as a path beside it, so that the folder can move
-    with replace_atomically(output) as temporary:
-        try:
-            written.Export(str(temporary))
-        except Tf.ErrorException as error:
-            reason = error.args[0].commentary
-            raise SceneError(str(output), reason, "a file to write") from error
+    export_layer(written, output)
     return findings
 
 

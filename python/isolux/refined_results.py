@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
 
+from .layer_authoring import author
 from .output_fields import OUTPUT_FIELDS
 from .refined_cage import RefinedCageTopology
 from .refined_topology import RefinedTopology
@@ -221,7 +222,7 @@ class _RefinedPrim:
         else:
             reason = f"subset {subset.GetPrim().GetName()} of type {element_type} is left empty"
             self._note("GeomSubset", "skipped", reason)
-        _author(spec, "indices", _Types.IntArray, Vt.IntArray.FromNumpy(indices))
+        author(spec, "indices", _Types.IntArray, Vt.IntArray.FromNumpy(indices))
 
     def _fits(self, name: str, count: int, interpolation: str, element_size: int = 1) -> bool:
         wanted = self._topology.authored.value_count(interpolation)
@@ -242,19 +243,7 @@ class _RefinedPrim:
         value: object,
         variability: Sdf.Variability = Sdf.VariabilityVarying,
     ) -> Sdf.AttributeSpec:
-        return _author(self._spec, name, type_name, value, variability)
-
-
-def _author(
-    prim: Sdf.PrimSpec,
-    name: str,
-    type_name: Sdf.ValueTypeName,
-    value: object,
-    variability: Sdf.Variability = Sdf.VariabilityVarying,
-) -> Sdf.AttributeSpec:
-    attribute = prim.attributes.get(name) or Sdf.AttributeSpec(prim, name, type_name, variability)
-    attribute.default = value
-    return attribute
+        return author(self._spec, name, type_name, value, variability)
 
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -22,10 +22,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Tf, Usd, UsdGeom, UsdRender, Vt
+from pxr import Sdf, Usd, UsdGeom, UsdRender, Vt
 
 from .adaptation import SceneAdaptation
-from .atomic_file import replace_atomically
 from .cage_results import CageFits, CageOutput, fit_cages
 from .display_view import DisplayView
 from .errors import SceneError
@@ -35,6 +34,7 @@ from .instanced_results import (
     instances_finding,
     write_expanded,
 )
+from .layer_authoring import export_layer, layer_value
 from .output_fields import (
     OUTPUT_FIELDS,
     MeshCorners,
@@ -463,7 +463,7 @@ class ResultsWriter:
                 Sdf.AttributeSpec(prim, name, value_type, Sdf.VariabilityVarying, True)
             self._layer.SetTimeSample(path, float(stage.index), getattr(stage, field))
         self._layer.customLayerData = {
-            "isolux": _layer_value(
+            "isolux": layer_value(
                 {
                     **self._provenance,
                     "reportPrim": str(self._report_prim),
@@ -492,25 +492,3 @@ def _sites(prim: Usd.Prim) -> Iterator[str]:
     for arc in Usd.PrimCompositionQuery(prim).GetCompositionArcs():
         if arc.GetTargetLayer() == root:
             yield str(arc.GetTargetPrimPath())
-
-
-def _layer_value(value: Any) -> Any:
-    """The same in the types that a layer's dictionary stores."""
-    if isinstance(value, Mapping):
-        return {key: _layer_value(item) for key, item in value.items() if item is not None}
-    if isinstance(value, list | tuple):
-        if all(isinstance(item, int) for item in value):
-            return Vt.Int64Array(list(value))
-        if all(isinstance(item, int | float) for item in value):
-            return Vt.DoubleArray([float(item) for item in value])
-        return Vt.StringArray([str(item) for item in value])
-    return value if isinstance(value, bool | int | float) else str(value)
-
-
-def export_layer(layer: Sdf.Layer, path: Path) -> None:
-    with replace_atomically(path) as temporary:
-        try:
-            layer.Export(str(temporary))
-        except Tf.ErrorException as error:
-            reason = error.args[0].commentary
-            raise SceneError(str(path), reason, "a file to write") from error

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, Vt
 
+from .layer_authoring import author
 from .scene_description import Finding, MeshDescription
 
 _Types = Sdf.ValueTypeNames
@@ -29,18 +30,18 @@ def write_as_mesh(layer: Sdf.Layer, prim: Usd.Prim, mesh: MeshDescription) -> li
     spec = Sdf.CreatePrimInLayer(layer, mesh.path)
     spec.typeName = "Mesh"
     points = Vt.Vec3fArray.FromNumpy(shape.points)
-    _author(spec, "points", _Types.Point3fArray, points)
-    _author(spec, "extent", _Types.Float3Array, UsdGeom.PointBased.ComputeExtent(points))
+    author(spec, "points", _Types.Point3fArray, points)
+    author(spec, "extent", _Types.Float3Array, UsdGeom.PointBased.ComputeExtent(points))
     for name, values in (
         ("faceVertexCounts", mesh.face_vertex_counts),
         ("faceVertexIndices", mesh.face_vertex_indices),
     ):
-        _author(spec, name, _Types.IntArray, Vt.IntArray.FromNumpy(values))
-    _author(spec, "subdivisionScheme", _Types.Token, UsdGeom.Tokens.none, Sdf.VariabilityUniform)
-    _author(spec, "doubleSided", _Types.Bool, mesh.double_sided, Sdf.VariabilityUniform)
+        author(spec, name, _Types.IntArray, Vt.IntArray.FromNumpy(values))
+    author(spec, "subdivisionScheme", _Types.Token, UsdGeom.Tokens.none, Sdf.VariabilityUniform)
+    author(spec, "doubleSided", _Types.Bool, mesh.double_sided, Sdf.VariabilityUniform)
     if shape.corner_normals is not None:
         normals = Vt.Vec3fArray.FromNumpy(shape.corner_normals)
-        attribute = _author(spec, "normals", _Types.Normal3fArray, normals)
+        attribute = author(spec, "normals", _Types.Normal3fArray, normals)
         attribute.SetInfo("interpolation", UsdGeom.Tokens.faceVarying)
     return _block_primvars(spec, prim)
 
@@ -83,19 +84,7 @@ def _block_primvars(spec: Sdf.PrimSpec, prim: Usd.Prim) -> list[Finding]:
     for primvar in UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithAuthoredValues():
         interpolation = str(primvar.GetInterpolation())
         if interpolation != UsdGeom.Tokens.constant:
-            _author(spec, primvar.GetName(), primvar.GetTypeName(), Sdf.ValueBlock())
+            author(spec, primvar.GetName(), primvar.GetTypeName(), Sdf.ValueBlock())
             reason = f"{interpolation} values of a {prim.GetTypeName()}: none on its mesh"
             findings.append(Finding(str(prim.GetPath()), str(primvar.GetName()), "skipped", reason))
     return findings
-
-
-def _author(
-    prim: Sdf.PrimSpec,
-    name: str,
-    type_name: Sdf.ValueTypeName,
-    value: object,
-    variability: Sdf.Variability = Sdf.VariabilityVarying,
-) -> Sdf.AttributeSpec:
-    attribute = prim.attributes.get(name) or Sdf.AttributeSpec(prim, name, type_name, variability)
-    attribute.default = value
-    return attribute

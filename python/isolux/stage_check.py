@@ -16,6 +16,8 @@ from typing import Literal
 
 from pxr import Tf, Usd, UsdUtils, UsdValidation
 
+from .usd_messages import usd_message
+
 KEYWORD = "IsoluxValidators"  # of ours, in plugin/plugInfo.json
 
 _LEFT_OUT_PLUGINS = ("usdPhysicsValidators", "usdMediaValidators")
@@ -104,9 +106,7 @@ def _validate(stage: Usd.Stage) -> list[_Told]:
 
 
 def _reason(error: Exception) -> str:
-    if isinstance(error, Tf.ErrorException) and error.args:
-        return str(error.args[0].commentary)
-    return str(error)
+    return usd_message(error) if isinstance(error, Tf.ErrorException) else str(error)
 
 
 def _run(stage: Usd.Stage, validators: Sequence[UsdValidation.Validator]) -> list[_Told]:

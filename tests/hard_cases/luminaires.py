@@ -8,6 +8,9 @@ from usd_scenes.shapes import box, rectangle
 
 from hard_cases.hard_case import hard_case
 from hard_cases.small_stages import (
+    CANDELA,
+    FLOOR,
+    FLUX,
     at_corners,
     direct_at_receivers,
     directly_lit,
@@ -22,9 +25,6 @@ from hard_cases.small_stages import (
     sphere_light,
 )
 
-FLUX = 4000 * np.pi  # lm
-CANDELA = 1000.0
-FLOOR = rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.5)
 ROOM = box((4, 4, 4), 1.0).flipped()
 
 

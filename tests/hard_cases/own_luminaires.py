@@ -9,6 +9,10 @@ from usd_scenes.shapes import box, rectangle
 from hard_cases.hard_case import hard_case
 from hard_cases.luminaires import inline
 from hard_cases.small_stages import (
+    CANDELA,
+    FLOOR,
+    FLUX,
+    UP,
     Array,
     at_corners,
     direct_at_receivers,
@@ -25,10 +29,6 @@ from hard_cases.small_stages import (
     sphere_light,
 )
 
-FLUX = 4000 * np.pi  # lm
-CANDELA = 1000.0
-UP = (0.0, 0.0, 1.0)
-FLOOR = rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.5)
 CORNERS = FLOOR.points[FLOOR.indices]
 
 

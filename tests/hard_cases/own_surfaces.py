@@ -9,6 +9,10 @@ from usd_scenes.shapes import Shape, box, merge, rectangle
 
 from hard_cases.hard_case import hard_case
 from hard_cases.small_stages import (
+    CANDELA,
+    FLOOR,
+    FLUX,
+    UP,
     at_corners,
     direct_at_receivers,
     directly_lit,
@@ -24,10 +28,6 @@ from hard_cases.small_stages import (
 )
 from isolux.solution import Solution
 
-FLUX = 4000 * np.pi  # lm
-CANDELA = 1000.0
-UP = (0.0, 0.0, 1.0)
-FLOOR = rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.5)
 AT = (0.3, 0.2, 2.0)
 LAMP = point_light(FLUX, AT)
 SIDED = "bool doubleSided = true"

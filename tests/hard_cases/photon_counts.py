@@ -9,6 +9,7 @@ from usd_scenes.shapes import box, rectangle
 from core_scenes import luminaire, surface, trace
 from hard_cases.hard_case import hard_case
 from hard_cases.small_stages import (
+    FLUX,
     at_corners,
     findings_at,
     mean_everywhere,
@@ -23,7 +24,6 @@ from isolux.errors import SceneError
 from isolux.settings import SolverSettings
 from isolux.solver import ProgressiveSolver
 
-FLUX = 4000 * np.pi  # lm
 SHAPE = box((4, 4, 4), 1.0).flipped()
 LAMP = point_light(FLUX, (0.3, 0.2, 0.1))
 # Directions from the middle of a face of a cube to that face: a sixth.

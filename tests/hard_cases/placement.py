@@ -8,6 +8,9 @@ from usd_scenes.shapes import Shape, box, face_area_normals, rectangle
 
 from hard_cases.hard_case import hard_case
 from hard_cases.small_stages import (
+    CANDELA,
+    FLOOR,
+    FLUX,
     at_corners,
     direct_at_receivers,
     directly_lit,
@@ -22,14 +25,11 @@ from hard_cases.small_stages import (
     sphere_light,
 )
 
-FLUX = 4000 * np.pi  # lm
-CANDELA = 1000.0
 ROOM = mesh("Room", box((4, 4, 4), 1.0).flipped(), 0.5)
 BLOCK = mesh("Block", box((1, 0.5, 1.5), 0.5).turned(x=20, y=30).moved(x=0.75), 0.5)
 # So small that it doesn't matter which of its points are sampled.
 BULB = sphere_light(CANDELA, 1e-6, (-1, 0.5, 1), extra="bool inputs:normalize = true")
 LAMP = point_light(FLUX, (-1, 0.5, 1))
-FLOOR = rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.5)
 WEDGE = Shape(
     np.array([(0, 0, 0.5), (0.4, 0, 0.7), (0.4, 0.3, 0.7), (0, 0.3, 0.5), (0.4, 0, 0.1)]),
     np.array([3, 3, 3], np.int32),

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from usd_scenes.shapes import Shape
+from usd_scenes.shapes import Shape, rectangle
 
 from isolux.core_scene import build_core_scene
 from isolux.scene_description import Finding, SceneDescription
@@ -17,6 +17,10 @@ from isolux.stage_reader import read_stage
 from usda_stage import METRES, open_usda
 
 PHOTONS = 40_000
+CANDELA = 1000.0
+FLUX = 4 * np.pi * CANDELA  # lm, of a point lamp of so many candela
+UP = (0.0, 0.0, 1.0)
+FLOOR = rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.5)
 Array = NDArray[np.float64]
 
 

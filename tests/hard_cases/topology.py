@@ -8,6 +8,10 @@ from usd_scenes.shapes import box, merge, rectangle
 
 from hard_cases.hard_case import hard_case
 from hard_cases.small_stages import (
+    CANDELA,
+    FLOOR,
+    FLUX,
+    UP,
     at_corners,
     direct_at_receivers,
     directly_lit,
@@ -22,10 +26,6 @@ from hard_cases.small_stages import (
     solved,
 )
 
-FLUX = 4000 * np.pi  # lm
-CANDELA = 1000.0
-UP = (0.0, 0.0, 1.0)
-FLOOR = rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.5)
 LAMP = point_light(FLUX, (0.3, 0.2, 2.0))
 
 

@@ -22,12 +22,15 @@ CORE_TESTS := $(addprefix tests/test_,authored_mesh.py candela_distribution.py c
 	$(addprefix tests/physics/test_,opacity.py subdivided_room.py)
 FUZZ_SECONDS := 60
 
-.PHONY: help setup build demo test sanitize sanitize-address sanitize-thread fuzz lint format bench wheel \
+VALIDATION := tests/validation
+
+.PHONY: help setup build demo test validate sanitize sanitize-address sanitize-thread fuzz lint format bench wheel \
 	clean
 
 help:
 	@echo "make demo    bake the office and show its progressive pictures"
 	@echo "make test    all tests"
+	@echo "make validate  $(VALIDATION)/README.md: every case, expected, got, error, tolerance, pass"
 	@echo "make sanitize  the tests of the core under ASan + UBSan and under TSan"
 	@echo "make fuzz    odd photometric files and stages, FUZZ_SECONDS=60 of each"
 	@echo "make lint    formatters, linters and types"
@@ -67,6 +70,11 @@ demo: build
 
 test: build
 	$(BIN)/pytest
+
+# The report is written whatever fails; what fails stands in it.
+validate: build
+	$(PIP) --no-build-isolation -e ".[test,bench]"
+	$(BIN)/pytest -m validation --validation-report=$(VALIDATION)
 
 # The sanitized modules lie apart from the virtual environment, and come first on the path of the
 # system's Python, which doesn't know of our editable install.

@@ -1,10 +1,37 @@
-"""Fixtures that several test files share."""
+"""Fixtures that several test files share, and the report of what is validated."""
 
 from pathlib import Path
 
 import pytest
 
+from validation.rows import Validation
+
 INPUTS = Path(__file__).parents[1].parent / "shared" / "inputs"
+REPORT = "--validation-report"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(REPORT, type=Path, metavar="FOLDER", help="write the validation report there")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line(
+        "markers", "validation(section): the test is in this section of the validation report"
+    )
+    folder = config.getoption(REPORT)
+    if folder is not None:
+        from validation.recorder import Recorder  # draws with matplotlib, which tests do without
+
+        config.pluginmanager.register(Recorder(folder))
+
+
+@pytest.fixture
+def validation(request: pytest.FixtureRequest) -> Validation:
+    """Checks whose figures stand in the validation report; see tests/validation/rows.py."""
+    assert request.node.get_closest_marker("validation"), "no section of the report is named"
+    told = Validation()
+    request.node.validation_rows = told.rows
+    return told
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ from hard_cases.hard_case import FIRST_OWN, HardCase
 from hard_cases.page import PAGE, label, page
 from hard_cases.table import TABLE
 from isolux.errors import SceneError
+from validation.rows import HARD_CASES, Validation
 
 
 def parameter(case: HardCase):
@@ -16,8 +17,10 @@ def parameter(case: HardCase):
     return pytest.param(case, marks=marks, id=f"{label(case)}: {case.name}")
 
 
+@pytest.mark.validation(HARD_CASES)
 @pytest.mark.parametrize("case", [parameter(case) for case in TABLE])
-def test_hard_case(case: HardCase) -> None:
+def test_hard_case(case: HardCase, validation: Validation) -> None:
+    validation.behaviour(f"{label(case)}: {case.name}", case.behaviour)
     case.check()
 
 

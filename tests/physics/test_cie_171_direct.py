@@ -1,4 +1,4 @@
-"""Direct light of CIE 171:2006, cases 5.2, 5.3, 5.6 and 5.7, at its points: 1 % or better.
+"""Direct light of CIE 171:2006, cases 5.2 to 5.4, 5.6 and 5.7, at its points: 1 % or better.
 
 The values are those of the exact analytical solutions; in their place the report prints some that
 are off (5.3) or wrong (5.7).
@@ -11,25 +11,25 @@ from usd_scenes.shapes import box, rectangle
 
 from core_scenes import luminaire, surface
 from isolux import _core
+from validation.rows import CIE_171
+
+pytestmark = pytest.mark.validation(CIE_171)
 
 WORST = 0.01  # relative
+DARK = 1e-3  # in the unit, where the exact value is 0
 SOURCE = 1000.0  # cd/m², of the area sources
+UPWARDS = np.array([0, 0, 1.5])  # m, from the middle of the room's floor to its centre
 
 
-def worst_deviation(found, expected):
-    lit = np.asarray(expected) > 0
-    assert found[~lit] == pytest.approx(0.0, abs=1e-3)
-    return np.abs(found[lit] / np.asarray(expected)[lit] - 1).max()
-
-
-def test_case_5_2_point_source():
+def test_case_5_2_point_source(validation):
     gamma = np.radians(np.arange(0.0, 90.1, 0.5))
     diagram = _core.CandelaDistribution(gamma, np.zeros(1), 1000.0 * np.cos(gamma)[None])
     points = [(0, 0, 0), (0.5, 0, 0), (1, 0, 0), (1.5, 0, 0), (1.5, 1.5, 0)]
     lamp = luminaire(1000 * np.pi, (0, 0, 3), size=(1e-4, 0.0))
     found = direct([lamp], points, (0, 0, 1), meshes=[room()], diagram=diagram)
     expected = [111.11, 105.21, 90.02, 71.11, 49.39]
-    assert worst_deviation(found["illuminance"], expected) < 5e-4
+    along = dict(at=np.hypot(*np.array(points)[:, :2].T), axis="r, m")
+    validation.check("5.2 point source", expected, found["illuminance"], relative=5e-4, **along)
 
 
 def room():
@@ -37,41 +37,104 @@ def room():
     return surface(box((4, 4, 3), 1.0).moved(z=1.5).flipped())
 
 
-def test_case_5_3_area_source_flush_with_the_ceiling():
+def test_case_5_3_area_source_flush_with_the_ceiling(validation):
     lamp = luminaire(SOURCE * np.pi, (0, 0, 3), "rect", (1.0, 1.0))
-    wall = [(2, 0, z) for z in np.arange(2.75, 0, -0.5)]
+    z = np.arange(2.75, 0, -0.5)
     expected = [32.677, 75.194, 81.323, 69.061, 53.404, 40.002]
-    found = direct([lamp], wall, (-1, 0, 0), meshes=[room()])
-    assert worst_deviation(found["illuminance"], expected) < 1e-4
+    found = direct([lamp], [(2, 0, h) for h in z], (-1, 0, 0), meshes=[room()])["illuminance"]
+    validation.check("5.3 area source, wall", expected, found, relative=1e-4, at=z, axis="z, m")
 
-    floor = [(0, y, 0) for y in (-1.75, -1.25, -0.75, -0.25)]
-    found = direct([lamp], floor, (0, 0, 1), meshes=[room()])
+    y = np.array([-1.75, -1.25, -0.75, -0.25])
+    found = direct([lamp], [(0, v, 0) for v in y], (0, 0, 1), meshes=[room()])["illuminance"]
     expected = [61.424, 79.255, 95.667, 105.778]
-    assert worst_deviation(found["illuminance"], expected) < 1e-4
+    along = dict(at=y + 2, axis="y, m")
+    validation.check("5.3 area source, floor", expected, found, relative=1e-4, **along)
 
 
-def test_case_5_6_light_reflected_by_a_floor():
+@pytest.mark.parametrize(
+    ("shape", "size"),
+    [
+        ("sphere", (1e-3, 0)), ("sphere", (0.3, 0)), ("disk", (0.5, 0)), ("rect", (1.0, 0.4)),
+        ("cylinder", (0.05, 1.2)),
+    ],
+)  # fmt: skip
+def test_case_5_4_all_flux_arrives_on_the_walls(validation, shape, size):
+    """ΣE·A = Φ = 10,000 lm; E by direct lighting, summed by Gauss quadrature on each wall."""
+    flux = 10_000.0
+    lamp = luminaire(flux, (0.3, -0.2, 1.7), shape, size)
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    u, v = (grid.ravel() for grid in np.meshgrid(nodes, nodes))
+    weight = np.outer(weights, weights).ravel() / 4
+    half = np.array([2.0, 2.0, 1.5])
+    arrived = 0.0
+    for axis in range(3):
+        across = [i for i in range(3) if i != axis]
+        for side in (-1.0, 1.0):
+            points = np.empty((len(u), 3))
+            points[:, axis] = side * half[axis]
+            points[:, across] = np.stack([u, v], axis=1) * half[across]
+            normal = np.zeros(3)
+            normal[axis] = -side
+            found = direct([lamp], points + UPWARDS, normal, meshes=[room()])["illuminance"]
+            arrived += (found * weight).sum() * 4 * half[across].prod()
+    validation.check(f"5.4 flux of a {shape} {size}", flux, arrived, relative=2e-3, unit="lm")
+
+
+@pytest.mark.skip(
+    reason="the transmittance of a surface of Isolux is the same in all directions, glass's falls "
+    "with the angle: not supported"
+)
+def test_case_5_5_directional_transmittance_of_clear_glass():
+    pass
+
+
+def test_case_5_6_light_reflected_by_a_floor(validation):
     """Scenario 2: a floor of 4 × 4 m of exitance M shines up; illuminance in % of M."""
     up = np.diag([1.0, -1.0, -1.0])
     lamp = luminaire(100.0 * 16, (2, 2, 0), "rect", (4.0, 4.0), axes=up)
     floor = surface(rectangle((0, 0, 0), (4, 0, 0), (0, 4, 0), 1.0))  # it touches it
-    wall = [(4, 2, z) for z in np.arange(0.75, 3, 0.5)]
-    found = direct([lamp], wall, (-1, 0, 0), meshes=[floor])
-    assert worst_deviation(found["illuminance"], [35.901, 27.992, 21.639, 16.716, 12.967]) < 1e-4
-    ceiling = [(x, 2, 3) for x in (0.25, 0.75, 1.25, 1.75)]
-    found = direct([lamp], ceiling, (0, 0, -1), meshes=[floor])
-    assert worst_deviation(found["illuminance"], [26.795, 30.939, 33.976, 35.567]) < 1e-4
+    z = np.arange(0.75, 3, 0.5)
+    found = direct([lamp], [(4, 2, h) for h in z], (-1, 0, 0), meshes=[floor])["illuminance"]
+    expected = [35.901, 27.992, 21.639, 16.716, 12.967]
+    of = dict(relative=1e-4, unit="%")
+    validation.check("5.6 floor that shines, wall", expected, found, at=z, axis="z, m", **of)
+    x = np.array([0.25, 0.75, 1.25, 1.75])
+    found = direct([lamp], [(h, 2, 3) for h in x], (0, 0, -1), meshes=[floor])["illuminance"]
+    expected = [26.795, 30.939, 33.976, 35.567]
+    validation.check("5.6 floor that shines, ceiling", expected, found, at=x, axis="x, m", **of)
 
 
-def test_case_5_7_light_reflected_by_a_wall_with_an_obstruction():
+# At the solver's own accuracy, and at a finer one.
+@pytest.mark.parametrize(
+    ("receiver", "accuracy"),
+    [
+        ("wall", 0.01),
+        pytest.param(
+            *("floor", 0.01),
+            marks=pytest.mark.xfail(
+                strict=True,
+                raises=AssertionError,
+                reason="shadow rays stop at 1 % of the mean of all light at a point that gets "
+                "little of it",
+            ),
+        ),
+        ("wall", 0.001),
+        ("floor", 0.001),
+    ],
+)
+def test_case_5_7_light_reflected_by_a_wall_with_an_obstruction(validation, receiver, accuracy):
     """A diffuse wall 4 × 3 m at y = 4 behind a black box 1 m high; in % of the wall's exitance."""
     toward = np.array([(1, 0, 0), (0, 0, -1), (0, 1, 0)], float)  # shines to -Y
     lamp = luminaire(100.0 * 12, (2, 4, 1.5), "rect", (4.0, 3.0), axes=toward)
     obstacle = surface(box((4, 0.2, 1), 1.0).moved(2, 2.6, 0.5))
-    wall = [(2, 0, z) for z in np.arange(2.75, 0, -0.5)]
-    found = direct([lamp], wall, (0, 1, 0), meshes=[obstacle], accuracy=0.001)
-    expected = [16.070, 16.333, 15.392, 13.320, 10.317, 7.079]
-    assert worst_deviation(found["illuminance"], expected) < WORST
-    floor = [(2, y, 0) for y in np.arange(0.25, 2.5, 0.5)]
-    found = direct([lamp], floor, (0, 0, 1), meshes=[obstacle], accuracy=0.001)
-    assert worst_deviation(found["illuminance"], [3.380, 3.628, 3.013, 0, 0]) < WORST
+    if receiver == "wall":
+        at, axis, normal = np.arange(2.75, 0, -0.5), "z, m", (0, 1, 0)
+        points = [(2, 0, z) for z in at]
+        expected = [16.070, 16.333, 15.392, 13.320, 10.317, 7.079]
+    else:
+        at, axis, normal = np.arange(0.25, 2.5, 0.5), "y, m", (0, 0, 1)
+        points = [(2, y, 0) for y in at]
+        expected = [3.380, 3.628, 3.013, 0, 0]
+    found = direct([lamp], points, normal, meshes=[obstacle], accuracy=accuracy)["illuminance"]
+    of = dict(relative=WORST, absolute=DARK, unit="%", at=at, axis=axis)
+    validation.check(f"5.7 obstruction, {receiver}, accuracy {accuracy:g}", expected, found, **of)

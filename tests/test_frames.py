@@ -200,7 +200,7 @@ def test_a_frame_that_fails_names_its_prim_and_the_others_go_on(tmp_path):
 
 
 def test_a_shot_whose_frames_all_fail_writes_nothing(tmp_path):
-    source = write(tmp_path, 'def Points "P" {\n}\n')
+    source = write(tmp_path, FLOOR.replace("(0.6, 0.5, 0.4)", "(3, 3, 3)"))
     result = isolux("solve", source, "-o", tmp_path / "bake.usda", "--frames", "1:2", *BUDGET)
     assert result.exit_code == ExitCode.STAGE
     assert sorted(path.name for path in tmp_path.iterdir()) == ["shot.usda"]

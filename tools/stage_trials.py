@@ -77,9 +77,12 @@ class Ending:
 
     @property
     def message(self) -> str:
-        """The error that the command told."""
-        told = [line for line in self.errors.splitlines() if line.startswith("error: ")]
-        return told[-1].removeprefix("error: ") if told else ""
+        """The error that the command told, else its warning that there is no light."""
+        for kind in ("error: ", "warning: "):
+            told = [line for line in self.errors.splitlines() if line.startswith(kind)]
+            if told:
+                return told[-1].removeprefix(kind)
+        return ""
 
 
 def run_isolux(timeout: float, *arguments: str) -> Ending:

@@ -390,8 +390,12 @@ void bind_solver(nb::module_& module) {
     module.def(
         "trace_photons",
         [](const Scene& scene, PhotonBuckets& buckets, std::uint64_t seed, std::uint64_t first,
-           std::uint64_t count,
-           int threads) { trace_photons(scene, seed, {first, count}, threads, buckets); },
+           std::uint64_t count, int threads) {
+            if (scene.luminaires().empty()) {
+                throw std::invalid_argument("photons want a luminaire");
+            }
+            trace_photons(scene, seed, {first, count}, threads, buckets);
+        },
         "scene"_a, "buckets"_a, "seed"_a, "first"_a, "count"_a, "threads"_a,
         nb::call_guard<nb::gil_scoped_release>(),
         "Traces photons [first, first + count) and adds their hits to the buckets. A photon "

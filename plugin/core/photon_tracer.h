@@ -15,6 +15,7 @@ struct PhotonRange {
     std::uint64_t first = 0, count = 0;
 };
 
+// Of a scene that has light.
 void trace_photons(const Scene& scene, std::uint64_t seed, PhotonRange range, int threads,
                    PhotonBuckets& buckets);
 

@@ -24,6 +24,9 @@ struct PositionHash {
 };
 
 double diagonal(const std::vector<Vec3d>& positions) {
+    if (positions.empty()) {
+        return 0.0;
+    }
     Vec3d low = positions.front(), high = low;
     for (const Vec3d& p : positions) {
         low = {std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z)};

@@ -34,9 +34,6 @@ std::vector<Luminaire> aimed(std::vector<Luminaire> luminaires, const Illuminati
         }
     }
     std::erase_if(luminaires, [](const Luminaire& l) { return !(l.luminous_flux > 0.0); });
-    if (luminaires.empty()) {
-        throw std::invalid_argument("no light arrives from any luminaire");
-    }
     return luminaires;
 }
 

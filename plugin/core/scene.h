@@ -23,7 +23,7 @@ inline constexpr std::int64_t kWorthSharing = std::int64_t{64} << 20;
 
 class Scene {
   public:
-    // At least one element and one luminaire of positive flux; those infinitely far are aimed here.
+    // Luminaires infinitely far are aimed here; those of which no light arrives are left out.
     // copies : sources are no copies
     Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires,
           std::span<const MeshCopy> copies, std::int64_t worth_sharing, int threads);
@@ -38,7 +38,7 @@ class Scene {
     // Some luminaire has light or shadow links.
     bool linked() const;
 
-    // The luminaire of a photon, by flux; u uniform in [0, 1).
+    // The luminaire of a photon, by flux, where there is any; u uniform in [0, 1).
     const Luminaire& choose_luminaire(double u) const;
 
   private:

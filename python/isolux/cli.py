@@ -366,8 +366,9 @@ def check(
     USD's own validators have their say, and so have those of Isolux; their errors are told, and
     change nothing in how the command ends: as `solve` would.
     """
-    from .core_scene import require_light_and_surface
+    from .dark_stages import what_is_dark
     from .settings import settings_from_stage
+    from .solve_command import print_warnings
     from .stage_check import check_stage
     from .stage_opening import StageOpening, open_stage
     from .stage_reader import read_source
@@ -390,9 +391,11 @@ def check(
     _, scene, _ = read_source(stage, time, settings_from_stage, opening)
     if scene.luminaires:
         console.print(luminaire_table(scene.luminaires))
-    if scene.findings:
-        console.print(findings_table(scene.findings))
+    dark = what_is_dark(scene)
+    findings = (*scene.findings, dark) if dark else scene.findings
+    if findings:
+        console.print(findings_table(findings))
     if scene.prim_counts:
         console.print(prims_table(scene))
     console.print(f"{stage}: {scene_summary(scene)}", soft_wrap=True)
-    require_light_and_surface(scene, str(stage))
+    print_warnings(new_console(stderr=True), findings, stage)

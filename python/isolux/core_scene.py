@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _core
-from .errors import SceneError
 from .scene_description import (
     GoniometricDiagram,
     LuminaireDescription,
@@ -18,25 +17,6 @@ from .scene_description import (
 )
 from .settings import SolverSettings
 from .solution import MeshLayout
-
-
-def require_light_and_surface(scene: SceneDescription, subject: str = "stage") -> None:
-    """Raise SceneError where there is nothing to light, or nothing that gives light.
-
-    subject : the stage's name for the message
-    """
-    skipped = ", ".join(
-        sorted({finding.kind for finding in scene.findings if finding.action == "skipped"})
-    )
-    but = f" (skipped: {skipped})" if skipped else ""
-    if not scene.meshes:
-        raise SceneError(subject, f"no mesh to light{but}", "at least one visible polygon mesh")
-    if not scene.luminaires:
-        raise SceneError(
-            subject,
-            f"no luminaire{but}",
-            "at least one visible light or emissive mesh",
-        )
 
 
 def build_core_scene(
@@ -75,10 +55,7 @@ def build_core_scene(
             _add_mesh_luminaire(builder, meshes[luminaire.path], links.of(luminaire))
         else:
             _add_luminaire(builder, luminaire, links.of(luminaire))
-    try:
-        return builder.build(threads, worth_sharing)
-    except ValueError as error:
-        raise SceneError("stage", str(error), "a luminaire that shines on its meshes") from None
+    return builder.build(threads, worth_sharing)
 
 
 def _add_luminaire(

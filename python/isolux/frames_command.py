@@ -12,7 +12,6 @@ from typing import Any
 from pxr import Usd
 from rich.console import Console
 
-from .core_scene import require_light_and_surface
 from .display_view import DisplayView
 from .errors import IsoluxError, SettingsError
 from .frames import FramesWriter, frame_label
@@ -22,7 +21,13 @@ from .report import PhaseSeconds, write_report
 from .scene_description import Finding
 from .settings import SolverSettings, override_settings, settings_from_stage
 from .solution import Solution
-from .solve_command import provenance_of, require_output, require_place, require_report
+from .solve_command import (
+    print_warnings,
+    provenance_of,
+    require_output,
+    require_place,
+    require_report,
+)
 from .solver import ProgressiveSolver
 from .stage_opening import AS_IT_STANDS, StageOpening, open_stage
 from .stage_reader import read_source
@@ -36,7 +41,7 @@ MOST_FRAMES = 100_000
 class FramesOutcome:
     """How a run over frames ended.
 
-    failures : the error of each frame that has no light
+    failures : the error of each frame that could not be solved
     signal : that ended the run early; None: none did
     """
 
@@ -146,7 +151,6 @@ class _Run:
         if not self._known and self.done == 0:
             self._messages.print(f"{self._source}: {scene_summary(scene)}", soft_wrap=True)
         self.tell(scene.findings)
-        require_light_and_surface(scene, str(self._source))
         solver = ProgressiveSolver(scene, self._settings)
         solutions: list[Solution] = []
         stages = []
@@ -182,3 +186,4 @@ class _Run:
         self._known |= {(f.path, f.kind, f.action) for f in new}
         if new:
             self._messages.print(findings_summary(new))
+            print_warnings(self._messages, new, self._source)

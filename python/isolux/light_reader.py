@@ -17,6 +17,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux
 from .environment_map import read_texels
 from .errors import DarkDiagramError, PhotometryError, SceneError
 from .infinite_lights import DOMES, read_distant, read_dome, read_portal
+from .light_axes import light_axes
 from .light_inputs import channels, light_kind, number, read_colour, read_luminance
 from .light_shaping import Shaping, mirrored, scaled_vertically, shaped_diagram, turned
 from .photometry import LARGEST_FILE, inline_diagram, luminous_flux, read_photometric_bytes
@@ -32,6 +33,7 @@ SHAPES: dict[str, LuminaireShape] = {
 }
 # What reads the lights that shine from infinitely far.
 INFINITE = {"DistantLight": read_distant} | dict.fromkeys(DOMES, read_dome)
+NO_DIRECTION = "its transform flattens it to a line or a point, which faces nowhere"
 # Scales of one light that differ by less are one scale.
 UNEQUAL_SCALE = 1e-3
 # C angle at which C0 of an absolute diagram lies, rad, by inputs:isolux:c0Axis.
@@ -59,6 +61,7 @@ class Placement:
 
     area : luminous area, m^2
     is_mirrored : local +Y lies along −axes[1]
+    faces : the transform says where to
     """
 
     shape: LuminaireShape
@@ -67,6 +70,7 @@ class Placement:
     size: NDArray[np.float64]
     area: float
     is_mirrored: bool
+    faces: bool
 
 
 def read_light(prim: Usd.Prim, context: ReadingContext) -> LuminaireDescription | None:
@@ -102,6 +106,9 @@ def read_light(prim: Usd.Prim, context: ReadingContext) -> LuminaireDescription 
     if emission is None:
         return None
     flux, diagram = emission
+    if not placement.faces and (placement.shape != "sphere" or diagram is not None):
+        context.note(prim, light_kind(prim), "skipped", NO_DIRECTION)
+        return None
     if flux <= 0 or colour @ LUMINANCE_WEIGHTS <= 0:
         context.note(prim, light_kind(prim), "skipped", "its luminous flux is zero or negative")
         return None
@@ -118,21 +125,17 @@ def read_light(prim: Usd.Prim, context: ReadingContext) -> LuminaireDescription 
 
 
 def _read_placement(prim: Usd.Prim, context: ReadingContext) -> Placement | None:
-    """Where a light is; None, with a finding, where its transform is singular."""
-    to_world = context.world_matrix(prim)
+    """Where a light is; None, with a finding, where its transform doesn't tell."""
+    to_world = context.world_matrix(prim, singular_too=True)
     kind = light_kind(prim)
     if to_world is None:
         context.note(prim, kind, "skipped", NO_TRANSFORM)
         return None
-    local_x, local_y, local_z = to_world[:3, :3]
+    local_x, local_y, _ = to_world[:3, :3]
     scale_x, scale_y, scale_z = np.linalg.norm(to_world[:3, :3], axis=1)
-    # The luminous plane's normal, on the side of local +Z: a shear may tilt Z itself.
-    normal = np.cross(local_x, local_y)
-    breadth = np.linalg.norm(normal)
-    is_mirrored = bool(normal @ local_z < 0)
-    axis_x = local_x / scale_x
-    axis_z = normal / breadth * (-1 if is_mirrored else 1)
-    axes = np.array([axis_x, np.cross(axis_z, axis_x), axis_z])
+    breadth = np.linalg.norm(np.cross(local_x, local_y))
+    found = light_axes(to_world[:3, :3])
+    axes, is_mirrored = found or (np.eye(3), False)
 
     radius = number(prim, "inputs:radius", 0.5, context)
     shape = SHAPES[kind]
@@ -148,7 +151,7 @@ def _read_placement(prim: Usd.Prim, context: ReadingContext) -> Placement | None
         scales = []
         width = number(prim, "inputs:width", 1.0, context)
         height = number(prim, "inputs:height", 1.0, context)
-        size = np.array([width * scale_x, height * breadth / scale_x])
+        size = np.array([width * scale_x, height * (breadth / scale_x if scale_x else scale_y)])
         area = size[0] * size[1]
     else:
         scales = [scale_y, scale_z]
@@ -168,7 +171,13 @@ def _read_placement(prim: Usd.Prim, context: ReadingContext) -> Placement | None
         size[0] = 0.0
     metres = context.meters_per_unit
     return Placement(
-        shape, to_world[3, :3] * metres, axes, size * metres, float(area) * metres**2, is_mirrored
+        shape,
+        to_world[3, :3] * metres,
+        axes,
+        size * metres,
+        float(area) * metres**2,
+        is_mirrored,
+        found is not None,
     )
 
 

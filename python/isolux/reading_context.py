@@ -135,10 +135,13 @@ class ReadingContext:
             raise SceneError(str(prim.GetPath()), told, kind)
         return found
 
-    def world_matrix(self, prim: Usd.Prim) -> NDArray[np.float64] | None:
+    def world_matrix(
+        self, prim: Usd.Prim, singular_too: bool = False
+    ) -> NDArray[np.float64] | None:
         """(4, 4) float64 local-to-world for row vectors, in stage units; None where there is none.
 
-        None where it is singular, not finite, or made of operations that USD can't read.
+        None where it is not finite, made of operations that USD can't read, or singular.
+        singular_too : where it is singular, it is given all the same
         """
         if any(prim.GetPath().HasPrefix(broken) for broken in self._broken):
             return None
@@ -159,6 +162,8 @@ class ReadingContext:
         size = math.hypot(*matrix[:3, :3].flat)
         if size > LARGEST_SCALE:
             return None
+        if singular_too:
+            return matrix
         if abs(transform.GetDeterminant3()) > SINGULAR_SCALE * size * size * size > 0:
             return matrix
         scales = np.linalg.svd(matrix[:3, :3], compute_uv=False)

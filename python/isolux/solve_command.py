@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from signal import Signals
@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from . import __version__
-from .core_scene import require_light_and_surface
+from .dark_stages import warnings_of
 from .display_view import DisplayView
 from .errors import IsoluxError, SceneError, SettingsError
 from .interrupt import StopRequest, stop_on_signal
@@ -23,7 +23,7 @@ from .preview_layer import preview_path, write_preview
 from .progress import SolveProgress
 from .report import PhaseSeconds, read_replay, write_report
 from .results import ResultsWriter
-from .scene_description import SceneDescription
+from .scene_description import Finding, SceneDescription
 from .schedule import StagePlan
 from .settings import SolverSettings, override_settings, settings_from_stage
 from .solution import ProgressiveStage
@@ -78,7 +78,6 @@ def solve_stage(
     read_seconds = time.perf_counter() - started
     messages.print(f"{source}: {scene_summary(scene)}", soft_wrap=True)
     _print_findings(messages, scene, source)
-    require_light_and_surface(scene, str(source))
 
     provenance = provenance_of(settings) | opening.record()
     writer = ResultsWriter(
@@ -98,6 +97,7 @@ def solve_stage(
             late_findings += tuple(write_preview(output))
         if late_findings:
             messages.print(findings_summary(late_findings))
+            print_warnings(messages, late_findings, source)
         seconds = PhaseSeconds(
             read=read_seconds,
             build=solver.build_seconds,
@@ -243,6 +243,12 @@ def _print_findings(console: Console, scene: SceneDescription, source: Path) -> 
     if scene.findings:
         console.print(findings_summary(scene.findings))
         console.print(f"reasons: isolux check {shlex.quote(str(source))}", soft_wrap=True)
+
+
+def print_warnings(console: Console, findings: Iterable[Finding], source: Path) -> None:
+    """Results without any light are told of aloud."""
+    for warning in warnings_of(findings):
+        console.print(f"warning: {source}: {warning}", soft_wrap=True)
 
 
 def _print_outcome(

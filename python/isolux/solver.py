@@ -31,7 +31,8 @@ from .components import (
     photometric,
 )
 from .composite import chosen_method, steps
-from .core_scene import build_core_scene, mesh_layouts, require_light_and_surface
+from .core_scene import build_core_scene, mesh_layouts
+from .dark_stages import no_light_arrives, what_is_dark
 from .errors import SettingsError
 from .illumination import Illumination, relative_deviation
 from .photon_findings import coarse_meshes, inside_out_meshes
@@ -55,8 +56,7 @@ class ProgressiveSolver:
     scene : what was read of a stage
     settings : method, stopping criteria, filter, threads
     clock : s; decides which counts the switchover and a time budget choose, and nothing else
-    raises : SceneError where the scene has no mesh or no luminaire; SettingsError where radiosity
-        is asked for in a scene that is too large for it
+    raises : SettingsError where radiosity is asked for in a scene that is too large for it
     """
 
     def __init__(
@@ -66,7 +66,6 @@ class ProgressiveSolver:
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         started = clock()
-        require_light_and_surface(scene)
         self.scene = scene
         self.settings = settings
         self.method = chosen_method(scene, settings)
@@ -79,7 +78,10 @@ class ProgressiveSolver:
         self._core_scene = build_core_scene(scene, settings, self._threads)
         self.vertices = int(self._core_scene.vertex_count)
         elements = self._core_scene.element_count
-        if self.method == "ddl+hpr" and elements > RADIOSITY_ELEMENTS:
+        self._lit = elements > 0 and self._core_scene.luminous_flux > 0
+        if not self._lit:  # by direct lighting, which needs no photons: 0, exactly
+            self.method, self.reflects = "ddl+hpr", False
+        elif self.method == "ddl+hpr" and elements > RADIOSITY_ELEMENTS:
             raise SettingsError(
                 "method",
                 f"ddl+hpr for {elements:,} mesh elements",
@@ -169,7 +171,9 @@ class ProgressiveSolver:
         return self._solution("DDL")
 
     def findings(self) -> tuple[Finding, ...]:
-        """What photons find out about the stage, beside `scene.findings`."""
+        """What solving finds out about the stage, beside `scene.findings`."""
+        if not self._lit:
+            return (what_is_dark(self.scene) or no_light_arrives(),)
         if self.photons == 0:  # a method without them
             self._photons.trace(FIRST_CHUNK_PHOTONS)
         hits = self._photons.buckets.hit_counts

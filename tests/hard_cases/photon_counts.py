@@ -18,6 +18,7 @@ from hard_cases.small_stages import (
     read,
     rect_light,
     solved,
+    solver_of,
 )
 from isolux import _core
 from isolux.errors import SceneError
@@ -173,16 +174,36 @@ def nothing_to_light() -> None:
 
 @hard_case(
     26,
-    "an empty stage, a stage without lights",
-    "Valid values of 0.",
-    "0",
+    "an empty stage, a stage without lights, light that arrives nowhere",
+    "Valid values of 0, and a finding that says what is missing.",
+    "0 lx at every corner, by every method and output mode; no values without meshes",
     part="b",
-    fails="refused in one line that names what is missing, with an exit code: a stage of which no "
-    "light was read is an error in most pipelines, and black results would hide it",
 )
 def no_light() -> None:
-    lit = solved(mesh("Room", SHAPE, 0.5))
-    assert not at_corners(lit, "/Room").any()
+    room = mesh("Room", SHAPE, 0.5)
+    level = "((0, 0, 1, 0), (0, 1, 0, 0), (-1, 0, 0, 0), (0, 0, 0, 1))"
+    floor = mesh("Floor", FLOOR, 0.5)
+    floor += f"""def DistantLight "Sun" {{
+        float inputs:angle = 0
+        matrix4d xformOp:transform = {level}
+        uniform token[] xformOpOrder = ["xformOp:transform"]\n}}\n"""
+    for text, told in (
+        (room, "no luminaire"),
+        (LAMP, "no visible mesh"),
+        ("", "no visible mesh to light and no luminaire"),
+        (floor, "no light arrives"),
+    ):
+        for method in ("auto", "dept", "composite", "ddl+idept", "ddl+hpr"):
+            for mode in ("vertex", "refined"):
+                solver = solver_of(text, method, output_mode=mode)
+                (lit,) = solver.stages()
+                assert len(lit.layouts) == text.count("def Mesh")
+                for path in lit.layouts:
+                    assert not at_corners(lit, path).any()
+                assert lit.stage.rms_error == 0
+                findings = solver.scene.findings + solver.findings()
+                (reason,) = [f.reason for f in findings if f.path == "/"]
+                assert reason.startswith(told)
 
 
 @hard_case(

@@ -7,6 +7,7 @@ import pytest
 from usd_scenes.shapes import Shape, box, face_area_normals, rectangle
 
 from hard_cases.hard_case import hard_case
+from hard_cases.luminaires import inline
 from hard_cases.small_stages import (
     CANDELA,
     FLOOR,
@@ -20,6 +21,7 @@ from hard_cases.small_stages import (
     mesh,
     point_light,
     read,
+    rect_light,
     solved,
     solver_of,
     sphere_light,
@@ -206,17 +208,40 @@ def singular_mesh() -> None:
 @hard_case(
     28,
     "singular transforms: lights",
-    "A light of a given flux under a scale of 0 is a point of light.",
-    "I cosθ/d²",
+    "A light of a given flux under a scale of 0 is a point or a line of light; without one it is "
+    "left out, and so is one that faces nowhere, each with a finding.",
+    "I cosθ/d² of a point, also of a diagram and of flat lights of which one scale is 0",
     part="b",
-    fails="it is skipped with a finding that names it, as a mesh is",
 )
 def singular_light() -> None:
-    lamp = moved(point_light(FLUX, (0, 0, 0)), "float3 xformOp:scale", "(0, 0, 0)")
-    above = f"""def Xform "Above" {{
-        double3 xformOp:translate = (0.3, 0.2, 2)
-        uniform token[] xformOpOrder = ["xformOp:translate"]\n{lamp}\n}}\n"""
-    lit = directly_lit(mesh("Floor", FLOOR) + above)
-    values, places, normals = direct_at_receivers(lit, "/Floor")
-    expected = from_point(CANDELA, (0.3, 0.2, 2), places, normals)
-    assert values == pytest.approx(expected, rel=1e-4)
+    at = (0.3, 0.2, 2.0)
+    normalised = "bool inputs:normalize = true"
+
+    def scaled(lamp: str, scale: str) -> str:
+        return moved(
+            moved(lamp, "float3 xformOp:scale", scale), "double3 xformOp:translate", str(at)
+        )
+
+    bulb = point_light(FLUX, (0, 0, 0), radius=0.1)
+    beam = inline([0, 90], [CANDELA, CANDELA], at=(0, 0, 0))
+    panel = rect_light(CANDELA, (0.02, 0.02), (0, 0, 0), extra=normalised)
+    towards = np.array(at)
+    for lamp, scale, candela, power in (
+        (bulb, "(0, 0, 0)", CANDELA, 0),
+        (bulb, "(1, 1, 0)", CANDELA, 0),
+        (beam, "(0, 1, 1)", CANDELA, 0),
+        (beam, "(1, 0, 1)", CANDELA, 0),
+        (panel, "(1, 1, 0)", CANDELA, 1),
+        (panel, "(1, 0, 1)", CANDELA, 1),
+        (panel, "(0, 1, 1)", CANDELA, 1),
+    ):
+        lit = directly_lit(mesh("Floor", FLOOR) + scaled(lamp, scale))
+        values, places, normals = direct_at_receivers(lit, "/Floor")
+        cosine = 2.0 / np.linalg.norm(towards - places, axis=1)
+        expected = from_point(candela, at, places, normals) * cosine**power
+        assert values == pytest.approx(expected, rel=1e-3), (lamp, scale)
+    for lamp in (sphere_light(100.0, 0.1, (0, 0, 0)), beam, panel):
+        scene = read(mesh("Floor", FLOOR) + scaled(lamp, "(0, 0, 0)"))
+        assert scene.luminaires == ()
+        told = findings_at(scene, "/Moved/Moved/Lamp")
+        assert [finding.action for finding in told] == ["skipped"]

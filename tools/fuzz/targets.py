@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isolux import _core
-from isolux.core_scene import build_core_scene, require_light_and_surface
+from isolux.core_scene import build_core_scene
 from isolux.errors import IsoluxError
 from isolux.photometry import read_photometric_bytes
 from isolux.scene_description import (
@@ -83,8 +83,9 @@ def _lay_beside(folder: Path) -> None:
 def _light(scene: SceneDescription) -> None:
     if sum(len(mesh.face_vertex_counts) for mesh in scene.meshes) > LARGEST_SCENE:
         return
-    require_light_and_surface(scene)
     built = build_core_scene(scene, SolverSettings(), threads=1)
+    if built.element_count == 0 or built.luminous_flux == 0:
+        return
     buckets = _core.PhotonBuckets(built)
     _core.trace_photons(built, buckets, 1, 0, PHOTONS, 1)
 

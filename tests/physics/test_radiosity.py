@@ -13,6 +13,7 @@ from usd_scenes.shapes import Shape, box, rectangle
 from core_scenes import bucket_flux, build, luminaire, relative_rms, surface, trace
 from isolux import _core
 from isolux.solution import LUMINANCE_WEIGHTS
+from validation.rows import CIE_171
 
 NO_LIGHT = np.zeros(0, np.float32)
 ACCURACY = 0.02
@@ -76,15 +77,17 @@ def test_a_closed_sphere_is_lit_alike():
     assert illuminance == pytest.approx(expected, rel=2 * ACCURACY)
 
 
-@pytest.mark.parametrize("reflectance", [0.05, 0.2, 0.5, 0.8, 0.9, 0.95])
-def test_mean_indirect_light_in_the_cube_of_cie_171_case_5_8(reflectance):
+@pytest.mark.validation(CIE_171)
+@pytest.mark.parametrize("reflectance", [0.05, *np.arange(1, 10) / 10, 0.95])
+def test_mean_indirect_light_in_the_cube_of_cie_171_case_5_8(validation, reflectance):
     scene = build([surface(WALLS, reflectance)], [luminaire(LUMINOUS_FLUX)])
     radiosity = solved(scene)
     # Leaves of a cube of six quads are of one area.
     positions, normals = radiosity.receivers()
     mean = radiosity.indirect(positions, normals, 2)["illuminance"][:, 0].mean()
     expected = reflectance * LUMINOUS_FLUX / (6 * SIZE**2 * (1 - reflectance))
-    assert mean == pytest.approx(expected, rel=0.005)
+    along = dict(relative=0.005, at=[reflectance], axis="reflectance")
+    validation.check("5.8 mean indirect light, ddl+hpr", expected, mean, **along)
 
 
 def test_between_wide_plates_light_comes_from_the_other_plate_alone():

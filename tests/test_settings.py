@@ -112,6 +112,7 @@ def test_a_missing_settings_prim_is_named() -> None:
         ("time_budget", math.inf),
         ("photons", -1),
         ("photons", 1e6),
+        ("photons", 2**53 + 1),
         ("seed", 2**31),
         ("stages", 0),
         ("stages", 65),
@@ -121,6 +122,7 @@ def test_a_missing_settings_prim_is_named() -> None:
         ("filter_interval", "exact"),
         ("crease_angle", 181.0),
         ("threads", -1),
+        ("threads", 2**16 + 1),
     ],
 )
 def test_a_value_out_of_range_is_refused_by_name(name: str, value: Any) -> None:

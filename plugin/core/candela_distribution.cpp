@@ -262,7 +262,7 @@ double CandelaDistribution::invert_band(const GammaBand& band, double first, dou
         const double excess = flux_to(at) - target;
         (excess > 0.0 ? high : low) = x;
         const double density = (mean + slope * x) * turned(a, b, at).sine;
-        double next = x - excess / density;
+        double next = density > 0.0 ? x - excess / density : low - 1.0;
         if (!(next >= low && next <= high)) { // also where the density is zero
             next = 0.5 * (low + high);
         }

@@ -22,6 +22,9 @@ FilterInterval = Literal["corrected", "paper"]
 Method = Literal["auto", "composite", "dept", "ddl+idept", "ddl+hpr"]
 OutputMode = Literal["vertex", "refined"]
 
+# Up to it doubles, in which the goals of stages are counted, hold every whole number.
+MOST_PHOTONS = 2**53
+MOST_THREADS = 2**16
 # The value of display_view that needs no OpenColorIO.
 TUMBLIN_RUSHMEIER = "tumblin-rushmeier"
 
@@ -65,7 +68,7 @@ class SolverSettings:
     method: Method = field(default="auto", metadata={"choices": get_args(Method)})
     target_error: float = _number(0.05, 0.0, 1.0)
     time_budget: float = _number(0.0, 0.0)
-    photons: int = _number(0, 0)
+    photons: int = _number(0, 0, MOST_PHOTONS)
     seed: int = _number(0, 0, 2**31 - 1)
     stages: int = _number(8, 1, 64)
     filter_accuracy: float = _number(0.05, 0.001, 1.0)
@@ -81,7 +84,7 @@ class SolverSettings:
     crease_angle: float = _number(40.0, 0.0, 180.0)
     display_view: str = TUMBLIN_RUSHMEIER
     display_adaptation: float = _number(0.0, 0.0)
-    threads: int = _number(0, 0)
+    threads: int = _number(0, 0, MOST_THREADS)
 
     def __post_init__(self) -> None:
         for setting in fields(self):

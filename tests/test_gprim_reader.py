@@ -141,6 +141,7 @@ def test_a_plane_faces_up_its_axis_with_width_and_length_as_the_schema_says(axis
         ('def Sphere "A" {\n string radius = "3"\n}', "radius '3'"),
         ('def Cube "A" {\n double size = 1e300\n}', "size 1e+300"),
         ('def Sphere "A" {\n double radius = 1e-310\n}', "radius 1e-310"),
+        ('def Cone "A" {\n double radius = 1e20\n}', "over 10⁹ m away"),
         ('def Cone "A" {\n uniform token axis = "W"\n}', "axis W"),
         ('def Cylinder_1 "A" {\n double radiusTop = 0\n double radiusBottom = 0\n}', "0"),
         ('def TetMesh "A" {\n}', "no faces"),

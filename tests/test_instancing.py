@@ -250,6 +250,11 @@ HOSTILE = {
         ["/Field/Copy0"],
         ("/Field", "PointInstancer", "skipped"),
     ),
+    "a position out of reach": (
+        field(("(1, 0, 0)", "(1e30, 0, 0)")),
+        ["/Field/Copy0"],
+        ("/Field/A", "Mesh", "skipped"),
+    ),
     "missing prototype": (
         field(("</Field/A>", "</Field/B>")),
         [],

@@ -14,6 +14,7 @@ from .materials import MaterialReader
 from .mesh_topology import MeshTopology
 from .reading_context import ReadingContext
 from .scene_description import MeshDescription
+from .unreadable_prims import TOO_FAR, are_in_reach
 
 
 def read_gprim(
@@ -37,6 +38,12 @@ def read_gprim(
     if to_world is None:
         context.note(prim, kind, "skipped", "its transform is singular or not finite")
         return None
+    with np.errstate(all="ignore"):
+        world = shape.points @ to_world[:3, :3] + to_world[3, :3]
+        world *= context.meters_per_unit
+    if not are_in_reach(world):
+        context.note(prim, kind, "skipped", TOO_FAR)
+        return None
     flat = kind in ("Cube", "Plane", "TetMesh")
     reason = f"read as {len(shape.counts)} faces"
     is_instanced = prim.IsInstanceProxy() or context.frame is not None
@@ -59,11 +66,10 @@ def read_gprim(
         turned /= np.linalg.norm(turned, axis=1, keepdims=True)
         normals = np.ascontiguousarray(-turned if left_handed else turned, np.float32)
     topology = MeshTopology(shape.counts, shape.indices, len(shape.points))
-    world = shape.points @ to_world[:3, :3] + to_world[3, :3]
     surfaces = materials.surfaces(gprim, topology)
     return MeshDescription(
         path=str(prim.GetPath()),
-        points=world * context.meters_per_unit,
+        points=world,
         face_vertex_counts=shape.counts,
         face_vertex_indices=shape.indices,
         corner_normals=normals,

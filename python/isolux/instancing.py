@@ -22,6 +22,7 @@ from .mesh_copies import Motion
 from .point_instances import PointInstances, read_point_instances
 from .reading_context import Frame, ReadingContext
 from .scene_description import InstancedPrim, MeshDescription, PointCopies
+from .unreadable_prims import TOO_FAR, are_in_reach
 
 # Nesting multiplies: a few lines of text could ask for more than any memory holds. A mesh takes
 # 1 kB besides its points, so that these take some 0.5 GB and 6 GB.
@@ -290,7 +291,12 @@ class InstanceWalk:
             in_results = path + mesh.path[len(known.path) :]
             on_stage = _rebased(mesh.source_path or mesh.path, known.source, source)
             renamed = "" if on_stage == in_results else on_stage
-            self._meshes.append(motion.copied(mesh, in_results, renamed))
+            with np.errstate(all="ignore"):
+                copy = motion.copied(mesh, in_results, renamed)
+            if are_in_reach(copy.points):
+                self._meshes.append(copy)
+            else:
+                context.note(Sdf.Path(on_stage), "Mesh", "skipped", TOO_FAR)
         for item in known.instanced:
             self.instanced.append(
                 replace(

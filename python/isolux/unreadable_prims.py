@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Tf, Usd
 
 from . import _core
@@ -24,6 +25,15 @@ def skipped_where_unreadable(prim: Usd.Prim, context: ReadingContext) -> Iterato
         context.note(prim, str(prim.GetTypeName()), "skipped", str(error))
     except Tf.ErrorException as error:
         context.note(prim, str(prim.GetTypeName()), "skipped", f"USD: {usd_message(error)}")
+
+
+TOO_FAR = "points that are NaN, infinite or over 10⁹ m away"
+
+
+def are_in_reach(points: NDArray[np.float64]) -> bool:
+    """Whether points, in metres, are numbers to the solver; TOO_FAR says what else they are."""
+    limit = _core.FARTHEST_POINT
+    return bool(points.max(initial=0.0) <= limit and points.min(initial=0.0) >= -limit)
 
 
 def is_in_reach(luminaire: LuminaireDescription, prim: Usd.Prim, context: ReadingContext) -> bool:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from isolux._core import CandelaDistribution
+from scipy.interpolate import RegularGridInterpolator
 from scipy.stats import chisquare
 
 from isolux.photometry import read_photometric_file
@@ -178,6 +179,21 @@ def test_intensity_follows_the_axes_nadir_c0_and_c90():
     assert distribution.intensity(directions) == pytest.approx([1.0, 10.0, 20.0, 30.0, 40.0, 0.0])
     between = np.array([[np.cos(3.0 * np.pi / 8.0), np.sin(3.0 * np.pi / 8.0), -1.0]])
     assert distribution.intensity(between) == pytest.approx([0.5 * 1.0 + 0.5 * 17.5])
+
+
+@pytest.mark.parametrize("diagram", DIAGRAMS)
+def test_intensity_is_bilinear_between_the_angles_and_zero_outside(diagram):
+    gamma, c, candela = diagram()
+    rng = np.random.default_rng(3)
+    # Anywhere, and on the tabulated angles themselves.
+    g = np.append(rng.uniform(0.0, np.pi, 2000), rng.choice(gamma[1:-1], 500))
+    around = np.append(rng.uniform(0.0, 2.0 * np.pi, 2000), rng.choice(c[:-1], 500))
+    directions = np.array([np.sin(g) * np.cos(around), np.sin(g) * np.sin(around), -np.cos(g)]).T
+    bilinear = RegularGridInterpolator((c, gamma), candela, bounds_error=False, fill_value=0.0)
+    found = CandelaDistribution(gamma, c, candela).intensity(directions * 3.0)
+    steepest = np.abs(np.diff(candela) / np.diff(gamma)).max()
+    expected = bilinear(np.array([around, g]).T)
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * steepest)  # 1e-9 rad
 
 
 @pytest.mark.parametrize(

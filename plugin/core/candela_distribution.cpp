@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <optional>
 #include <stdexcept>
 
 namespace isolux {
@@ -12,7 +11,7 @@ namespace {
 
 // Intervals at most this wide, rad, let short series stand for sine and cosine (error below 1e-11).
 constexpr double kMaxInterval = 0.1;
-// Directions this near, rad, to the edge of the tabulated angles count as on it.
+// Angles this far beyond the last are rounding, rad.
 constexpr double kAngleSlack = 1e-9;
 constexpr int kMaxIterations = 64;
 
@@ -66,15 +65,6 @@ struct Place {
     double fraction;
 };
 
-std::optional<Place> locate(const std::vector<double>& angles, double angle) {
-    if (angle < angles.front() - kAngleSlack || angle > angles.back() + kAngleSlack) {
-        return std::nullopt;
-    }
-    const auto above = std::upper_bound(angles.begin() + 1, angles.end() - 1, angle);
-    const std::size_t i = above - angles.begin() - 1;
-    return Place{i, std::clamp((angle - angles[i]) / (angles[i + 1] - angles[i]), 0.0, 1.0)};
-}
-
 // Divides wide intervals, which leaves a bilinear function as it is. Returns where the divided
 // angles lie among the given ones.
 std::vector<Place> divide(std::span<const double> angles, std::vector<double>& divided) {
@@ -96,7 +86,8 @@ std::vector<Place> divide(std::span<const double> angles, std::vector<double>& d
 
 CandelaDistribution::CandelaDistribution(std::span<const double> gamma,
                                          std::span<const double> c_angles,
-                                         std::span<const double> candela) {
+                                         std::span<const double> candela)
+    : axial_(c_angles.size() == 1) {
     constexpr double kPi = std::numbers::pi;
     require(gamma.size() >= 2 && !c_angles.empty(), "at least two gamma angles and one C-angle");
     require(candela.size() == gamma.size() * c_angles.size(), "one candela value for each angle");
@@ -107,14 +98,15 @@ CandelaDistribution::CandelaDistribution(std::span<const double> gamma,
 
     // An axially symmetric diagram goes round between two equal planes.
     const std::vector full_circle{0.0, 2.0 * kPi};
-    const bool axial = c_angles.size() == 1;
     const auto rows = divide(gamma, gamma_);
-    const auto planes = divide(axial ? full_circle : c_angles, c_angles_);
+    const auto planes = divide(axial_ ? full_circle : c_angles, c_angles_);
+    gamma_table_ = AngleTable(gamma_);
+    c_table_ = AngleTable(c_angles_);
 
     candela_.reserve(planes.size() * rows.size());
     for (const Place& plane : planes) {
-        const double* first = &candela[axial ? 0 : plane.index * gamma.size()];
-        const double* next = axial ? first : first + gamma.size();
+        const double* first = &candela[axial_ ? 0 : plane.index * gamma.size()];
+        const double* next = axial_ ? first : first + gamma.size();
         for (const Place& row : rows) {
             const std::size_t j = row.index;
             candela_.push_back(mix(mix(first[j], first[j + 1], row.fraction),
@@ -202,14 +194,23 @@ double CandelaDistribution::widest_gamma() const {
 double CandelaDistribution::peak_intensity() const { return std::ranges::max(candela_); }
 
 double CandelaDistribution::intensity(const Vec3d& direction) const {
-    const double gamma = std::atan2(std::hypot(direction.x, direction.y), -direction.z);
-    const double c = std::atan2(direction.y, direction.x);
-    const auto row = locate(gamma_, gamma);
-    const auto plane = locate(c_angles_, c < 0.0 ? c + 2.0 * std::numbers::pi : c);
-    if (!row || !plane) {
+    const double squared = direction.x * direction.x + direction.y * direction.y;
+    const double off = std::sqrt(squared);
+    const double per_length = 1.0 / std::sqrt(squared + direction.z * direction.z);
+    const auto row = gamma_table_.locate(off * per_length, -direction.z * per_length);
+    if (!row) {
         return 0.0;
     }
-    const double* first = &candela_[plane->index * gamma_.size() + row->index];
+    const double* first = &candela_[row->index];
+    if (axial_) {
+        return mix(first[0], first[1], row->fraction);
+    }
+    const auto plane = off > 0.0 ? c_table_.locate(direction.y / off, direction.x / off)
+                                 : c_table_.locate(0.0, 1.0);
+    if (!plane) {
+        return 0.0;
+    }
+    first += plane->index * gamma_.size();
     const double* next = first + gamma_.size();
     return mix(mix(first[0], first[1], row->fraction), mix(next[0], next[1], row->fraction),
                plane->fraction);

@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include "core/angle_table.h"
 #include "core/vec3.h"
 
 namespace isolux {
@@ -57,8 +58,10 @@ class CandelaDistribution {
     static double invert_band(const GammaBand& band, double first, double last, double u);
     void tabulate_cells();
 
+    bool axial_;
     // Refined, so that every interval is narrow.
     std::vector<double> gamma_, c_angles_;
+    AngleTable gamma_table_, c_table_;
     std::vector<double> candela_; // by C-plane, then gamma
     std::vector<GammaBand> bands_;
     std::vector<Interval> sectors_; // between neighbouring C-planes

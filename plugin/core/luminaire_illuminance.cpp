@@ -117,10 +117,11 @@ double LuminaireIlluminance::peak_intensity() const {
                                                    : profile(luminaire_.shape, {0.0, 0.0, -1.0}));
 }
 
-double LuminaireIlluminance::intensity(const Vec3d& direction) const {
-    const Vec3d local = to_local(direction);
-    return scale_ * (luminaire_.diagram != nullptr ? luminaire_.diagram->intensity(local)
-                                                   : profile(luminaire_.shape, local));
+double LuminaireIlluminance::intensity(const Vec3d& to) const {
+    const Vec3d local = -to_local(to);
+    return scale_ * (luminaire_.diagram != nullptr
+                         ? luminaire_.diagram->intensity(local)
+                         : profile(luminaire_.shape, local * (1.0 / length(local))));
 }
 
 bool LuminaireIlluminance::is_far(const Vec3d& to, const Vec3d& normal, double openings) const {
@@ -182,7 +183,7 @@ double LuminaireIlluminance::unoccluded(const Receiver& receiver) const {
     const bool constant = luminaire_.diagram == nullptr && area_ > 0.0;
     if (is_far(to, normal, constant ? kExactOpenings : point_openings_)) {
         const double distance = length(to);
-        return intensity(to * (-1.0 / distance)) * height / (distance * distance * distance);
+        return intensity(to) * height / (distance * distance * distance);
     }
     return constant ? constant_luminance(to, normal) : quadrature(receiver);
 }
@@ -278,8 +279,8 @@ LuminaireIlluminance::Sight LuminaireIlluminance::sight(const Receiver& receiver
                 const Vec3d middle = to * (1.0 / distance);
                 const auto [a, b] = tangents(middle);
                 const double r = s.radius * std::sqrt(inside * u) / distance;
-                const Vec3d at = to * (inside / squared) + a * (r * std::cos(2.0 * kPi * v)) +
-                                 b * (r * std::sin(2.0 * kPi * v));
+                const auto [cosine, sine] = on_circle(v);
+                const Vec3d at = to * (inside / squared) + a * (r * cosine) + b * (r * sine);
                 const double reach = length(at);
                 const Vec3d direction = at * (1.0 / reach);
                 const double along = dot(direction, to);
@@ -290,7 +291,8 @@ LuminaireIlluminance::Sight LuminaireIlluminance::sight(const Receiver& receiver
             },
             [&](const DiskLuminaire& s) {
                 const double r = s.radius * std::sqrt(u);
-                return from_point({r * std::cos(2.0 * kPi * v), r * std::sin(2.0 * kPi * v), 0.0});
+                const auto [cosine, sine] = on_circle(v);
+                return from_point({r * cosine, r * sine, 0.0});
             },
             [&](const RectLuminaire& s) {
                 return from_point({(u - 0.5) * s.width, (v - 0.5) * s.height, 0.0});
@@ -337,7 +339,7 @@ double LuminaireIlluminance::quadrature(const Receiver& receiver) const {
             const Sight s = sight(receiver, u, v);
             if (s.factor > 0.0) {
                 const double factor = area > 0.0 ? std::min(s.factor, kPi / area) : s.factor;
-                sum += weight * factor * intensity(s.to * (-1.0 / length(s.to)));
+                sum += weight * factor * intensity(s.to);
             }
         }
     }
@@ -355,7 +357,7 @@ ShadowSample LuminaireIlluminance::shadow_sample(const Receiver& receiver, doubl
     const bool point =
         luminaire_.diagram != nullptr && is_far(to, receiver.normal.as<double>(), point_openings_);
     if (weight > 0.0 && !point) {
-        weight *= intensity(s.to * (-1.0 / length(s.to)));
+        weight *= intensity(s.to);
     }
     return {receiver.position + s.to, weight, luminaire_.colour};
 }

@@ -54,7 +54,7 @@ class LuminaireIlluminance {
     double quadrature(const Receiver& receiver) const;
     double from_infinity(const Vec3d& normal) const;
     ShadowSample infinite_sample(const Receiver& receiver, double u, double v) const;
-    double intensity(const Vec3d& direction) const; // cd; world space, unit
+    double intensity(const Vec3d& to) const; // cd; from the receiver, world space, any length
 
     Vec3d to_local(const Vec3d& v) const { return luminaire_.to_local(v); }
     Vec3d to_world(const Vec3d& v) const { return luminaire_.to_world(v); }

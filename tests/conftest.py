@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from validation.recorder import Recorder
 from validation.rows import Validation
 
 INPUTS = Path(__file__).parents[1].parent / "shared" / "inputs"
@@ -20,8 +21,6 @@ def pytest_configure(config: pytest.Config) -> None:
     )
     folder = config.getoption(REPORT)
     if folder is not None:
-        from validation.recorder import Recorder  # draws with matplotlib, which tests do without
-
         config.pluginmanager.register(Recorder(folder))
 
 

@@ -124,3 +124,21 @@ def test_case_5_6_light_reflected_by_a_lit_floor(validation, receiver, by):
         found = from_radiosity(meshes, 0, points, normal, lambda p: p[:, 2] == 0)
     of = dict(relative=WORST, unit="%", at=at, axis=axis)
     validation.check(f"5.6 lit floor, {receiver}, {by}", expected, found, **of)
+
+
+@pytest.mark.parametrize("receiver", ["wall", "floor"])
+def test_case_5_7_light_reflected_by_a_lit_wall_with_an_obstruction(validation, receiver):
+    """As in test_cie_171_direct, the wall being lit."""
+    lit = surface(rectangle((0, 4, 0), (4, 0, 0), (0, 0, 3), 0.25), 0.5)
+    obstacle = surface(box((4, 0.2, 1), 1.0).moved(2, 2.6, 0.5))
+    if receiver == "wall":
+        at, axis, normal = np.arange(2.75, 0, -0.5), "z, m", (0, 1, 0)
+        points = [(2, 0, z) for z in at]
+        expected = [16.070, 16.333, 15.392, 13.320, 10.317, 7.079]
+    else:
+        at, axis, normal = np.arange(0.25, 2.5, 0.5), "y, m", (0, 0, 1)
+        points = [(2, y, 0) for y in at]
+        expected = [3.380, 3.628, 3.013, 0, 0]
+    found = from_radiosity([lit, obstacle], 0, points, normal, lambda p: p[:, 1] == 4)
+    of = dict(relative=WORST, absolute=1e-3, unit="%", at=at, axis=axis)
+    validation.check(f"5.7 lit wall, obstruction, {receiver}, ddl+hpr", expected, found, **of)

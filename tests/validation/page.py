@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from validation.measured import SECTIONS, Measured, measured_tables
-from validation.plots import draw_plots
 from validation.rows import GROUPS, HARD_CASES, Row, number
 
 if TYPE_CHECKING:
     from validation.recorder import Case
 
 HERE = Path(__file__).parent
+FOLDED_FROM = 40  # rows of a table
 SOURCES = {
     "CIE 171:2006": "The test cases of the International Commission on Illumination for lighting "
     "programs, values recomputed from the exact solutions (the published tables of 5.3 and 5.7 "
@@ -36,8 +36,10 @@ SOURCES = {
 
 def write_report(folder: Path, cases: Sequence[Case], seconds: float) -> None:
     """README.md and *.svg in `folder`. seconds : of processor time that the tests took"""
+    from validation.plots import draw_plots  # with matplotlib, which the tests do without
+
     folder.mkdir(parents=True, exist_ok=True)
-    tables = measured_tables(HERE / "measured")
+    tables = measured_tables(HERE)
     figures = draw_plots(folder, cases, tables)
     (folder / "README.md").write_text(report(cases, tables, figures, seconds), encoding="utf-8")
 
@@ -57,7 +59,7 @@ def report(
     return f"""# Validation
 
 Made by `make validate` from the tests themselves: each row is what a test asserts. Figures of long
-runs come from tables in `measured/`, which say of which commit they are.
+runs come from the tables (CSV) beside this page, which say of which commit they are.
 
 {provenance(seconds)}
 
@@ -96,10 +98,8 @@ def summary(cases: Sequence[Case], tables: Sequence[Measured]) -> str:
     for name in SECTIONS.values():
         of_section = [table for table in tables if table.section == name]
         rows = sum(len(table.rows) for table in of_section)
-        failing = sum(len(table.failing) for table in of_section)
-        lines.append(
-            f"| [{name}](#{anchor(name)}) | {rows} | " + cells([rows - failing, failing, 0]) + " |"
-        )
+        counts = [sum(table.counts()[i] for table in of_section) for i in (0, 1)]
+        lines.append(f"| [{name}](#{anchor(name)}) | {rows} | " + cells([*counts, 0]) + " |")
     failing_rows = [
         f"- **{case.group}: {row.case if row else case.title}**"
         + (f" at {place(row)}" if row and row.at is not None else "")
@@ -110,10 +110,10 @@ def summary(cases: Sequence[Case], tables: Sequence[Measured]) -> str:
         if outcome == "fail"
     ]
     failing_rows += [
-        f"- **{table.section}: {table.name}**: "
-        + ", ".join(f"{key} {value}" for key, value in row.items() if key != "pass")
+        f"- **{table.section}: {table.name}**: {fail} of {passing + fail} rows, marked in the table"
         for table in tables
-        for row in table.failing
+        for passing, fail in [table.counts()]
+        if fail
     ]
     out = "\n".join(lines) + "\n"
     if failing_rows:
@@ -187,17 +187,21 @@ def shown(outcome: str) -> str:
 
 def measured_table(table: Measured) -> str:
     alike = table.alike()
-    columns = [name for name in table.rows[0] if name not in alike]
+    columns = [name for name in table.rows[0] if name not in (*alike, "pass", "within")]
     out = table.prose + "\n\n" if table.prose else ""
-    if alike:
-        out += "; ".join(f"{name.capitalize()} {value}" for name, value in alike.items()) + ".\n\n"
-    out += f"| {' | '.join(columns)} |\n|{'---|' * len(columns)}\n"
+    said = [f"{name} {value}" for name, value in alike.items()]
+    if not table.has("commit"):
+        said.append("**commit not told**")
+    out += f"`{table.name}.csv`: {', '.join(said)}.\n\n"
+    lines = [f"| {' | '.join(columns)} | |", "|---" * (len(columns) + 1) + "|"]
     for row in table.rows:
-        values = dict(row)
-        if "pass" in values:
-            values["pass"] = "pass" if values["pass"] == "yes" else "**FAILS**"
-        out += "| " + cells([values[name] for name in columns]) + " |\n"
-    return out
+        passed = table.passed(row)
+        outcome = "" if passed is None else shown("pass" if passed else "fail")
+        lines.append("| " + cells([*(row[name] for name in columns), outcome]) + " |")
+    body = "\n".join(lines) + "\n"
+    if len(table.rows) > FOLDED_FROM:
+        body = f"<details><summary>{len(table.rows)} rows</summary>\n\n{body}\n</details>\n"
+    return out + body
 
 
 def heading(name: str, figures: dict[str, list[tuple[str, str]]]) -> str:

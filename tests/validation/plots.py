@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib
 
-from validation.measured import Measured
+from validation.measured import CONVERGENCE, COVERAGE, COVERED_WITHIN, Measured
 from validation.rows import CIE_171, Row
 
 matplotlib.use("svg")
@@ -43,16 +43,69 @@ def draw_plots(
         _draw_errors(folder / "cie_171_5_8.svg", by_reflectance)
         caption = "Error of the mean indirect illuminance of case 5.8 by reflectance"
         figures.setdefault(CIE_171, []).append(("cie_171_5_8.svg", caption))
+    for table in tables:
+        if table.section == COVERAGE and table.has("case", "component", "quantity", "covered"):
+            _draw_coverage(folder / f"{table.name}.svg", table)
+            caption = "Share of vertices within the reported 95 % interval, by photons"
+            figures.setdefault(COVERAGE, []).append((f"{table.name}.svg", caption))
+        if table.section == CONVERGENCE and table.has("scene", "method", "photons", "rms", "bias"):
+            _draw_convergence(folder / f"{table.name}.svg", table)
+            caption = "RMS error (solid) and bias (dashed) by photons"
+            figures.setdefault(CONVERGENCE, []).append((f"{table.name}.svg", caption))
     return figures
 
 
-def _draw_curves(path: Path, curves: dict[str, list[Row]]) -> None:
+def _draw_coverage(path: Path, table: Measured) -> None:
+    """One panel a case, a line a component."""
+    rows = [row for row in table.rows if row["quantity"] == "vertex"]
+    cases = list(dict.fromkeys(row["case"] for row in rows))
+    panels = _panels(len(cases))
+    for axis, case in zip(panels[1], cases, strict=False):
+        lines: dict[str, list[tuple[float, float]]] = {}
+        for row in rows:
+            if row["case"] == case:
+                label = f"{row['component']} {row.get('settings', '')}".strip()
+                lines.setdefault(label, []).append((float(row["photons"]), float(row["covered"])))
+        for label, points in lines.items():
+            axis.plot(*zip(*sorted(points), strict=True), ".-", label=label)
+        axis.axhspan(0.95 - COVERED_WITHIN, 0.95 + COVERED_WITHIN, color="0.9")
+        axis.set(title=case, xscale="log", xlabel="photons", ylim=(0, 1.02))
+        axis.legend(fontsize=5)
+    _save(panels[0], path)
+
+
+def _draw_convergence(path: Path, table: Measured) -> None:
+    """One panel a scene, two lines a method."""
+    scenes = list(dict.fromkeys(row["scene"] for row in table.rows))
+    panels = _panels(len(scenes))
+    for axis, scene in zip(panels[1], scenes, strict=False):
+        of_scene = [row for row in table.rows if row["scene"] == scene]
+        for i, method in enumerate(dict.fromkeys(row["method"] for row in of_scene)):
+            rows = [row for row in of_scene if row["method"] == method]
+            rows.sort(key=lambda row: float(row["photons"]))
+            at = [float(row["photons"]) for row in rows]
+            for column, style in (("rms", ".-"), ("bias", ".--")):
+                values = [100 * abs(float(row[column])) for row in rows]
+                label = method if column == "rms" else None
+                axis.plot(at, values, style, color=f"C{i}", label=label)
+        axis.set(title=scene, xscale="log", yscale="log", xlabel="photons", ylabel="%")
+        axis.legend(fontsize=6)
+    _save(panels[0], path)
+
+
+def _panels(count: int) -> tuple[Any, list[Any]]:
+    """A figure with so many axes, three in a line."""
     columns = 3
-    lines = math.ceil(len(curves) / columns)
+    lines = math.ceil(count / columns)
     figure, axes = plt.subplots(lines, columns, figsize=(10, 2.6 * lines), squeeze=False)
-    for axis in axes.flat[len(curves) :]:
+    for axis in axes.flat[count:]:
         axis.set_axis_off()
-    for axis, (name, rows) in zip(axes.flat, curves.items(), strict=False):
+    return figure, list(axes.flat)
+
+
+def _draw_curves(path: Path, curves: dict[str, list[Row]]) -> None:
+    figure, axes = _panels(len(curves))
+    for axis, (name, rows) in zip(axes, curves.items(), strict=False):
         rows = sorted(rows, key=lambda row: row.at)
         at = [row.at for row in rows]
         axis.plot(at, [row.expected for row in rows], "-", color="0.6", label="expected")

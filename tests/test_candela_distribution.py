@@ -7,6 +7,9 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.stats import chisquare
 
 from isolux.photometry import read_photometric_file
+from validation.rows import DIAGRAMS
+
+pytestmark = pytest.mark.validation(DIAGRAMS)
 
 AXIAL = np.zeros(1)
 EVERY_5_DEG = np.radians(np.arange(0.0, 181.0, 5.0))

@@ -6,6 +6,7 @@ from usd_scenes.furnace_sphere.generate import icosphere
 from usd_scenes.shapes import box, lathe, merge, rectangle
 
 from core_scenes import luminaire, surface, trace
+from validation.rows import INVARIANCE
 
 PHOTONS = 50_000
 FLUX = 1000.0  # lm
@@ -30,23 +31,29 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize("meshes", SCENES.values(), ids=SCENES)
-def test_emitted_is_absorbed_or_escaped(meshes):
-    traced, count = ends(meshes, luminaire(FLUX))
+@pytest.mark.validation(INVARIANCE)
+@pytest.mark.parametrize("name", SCENES)
+def test_emitted_is_absorbed_or_escaped(validation, name):
+    traced, count = ends(SCENES[name], luminaire(FLUX))
     assert count["emitted"] == PHOTONS
-    assert count["emitted"] == count["absorbed"] + count["back_absorbed"] + count["escaped"]
+    ended = count["absorbed"] + count["back_absorbed"] + count["escaped"]
+    case = f"emitted = absorbed + escaped: {name}"
+    validation.check(case, PHOTONS, ended, absolute=0, unit="photons")
     # Each ray ends at a front, at a back or nowhere.
-    assert count["rays"] == traced.hits.sum() + count["back_absorbed"] + count["escaped"]
+    met = traced.hits.sum() + count["back_absorbed"] + count["escaped"]
+    validation.check(f"rays = hits + escaped: {name}", count["rays"], met, absolute=0, unit="rays")
     assert sum(count["back_hits"]) == count["back_absorbed"]
     assert traced.hits[:, 0].sum() <= PHOTONS
 
 
+@pytest.mark.validation(INVARIANCE)
 def test_nothing_escapes_from_a_closed_room():
     traced, count = ends([surface(ROOM, 0.9)], luminaire(FLUX), photons=100_000)
     assert count["escaped"] == count["back_absorbed"] == 0
     assert traced.hits[:, 0].sum() == 100_000
 
 
+@pytest.mark.validation(INVARIANCE)
 def test_a_t_junction_does_not_leak():
     """Walls of large quads against a floor of small ones: edges meet without sharing points."""
     fine = rectangle((-2, -2, -2), (4, 0, 0), (0, 4, 0), 0.3)
@@ -107,6 +114,7 @@ def test_a_source_in_a_closed_fixture_lights_its_inside_alone(reflectance):
     assert traced.hits[traced.front(1), 0].sum() == PHOTONS
 
 
+@pytest.mark.validation(INVARIANCE)
 @pytest.mark.parametrize("light", ["direct", "indirect"])
 def test_coplanar_duplicates_do_not_double_the_flux(light):
     """Two floors in one place: together they have the light of one."""
@@ -121,6 +129,7 @@ def test_coplanar_duplicates_do_not_double_the_flux(light):
     assert on_floors[1] == pytest.approx(on_floors[0], abs=4 * np.sqrt(2 * on_floors[0]))
 
 
+@pytest.mark.validation(INVARIANCE)
 @pytest.mark.parametrize("gap", [0.0, 1e-6])
 def test_a_light_that_touches_a_wall_loses_no_flux(gap):
     """A square lamp in the plane of the ceiling, and one a millionth of a metre below."""

@@ -10,6 +10,9 @@ from usd_scenes.shapes import box
 
 from core_scenes import luminaire, retrace, surface, trace
 from isolux.solution import LUMINANCE_WEIGHTS
+from validation.rows import INVARIANCE
+
+pytestmark = pytest.mark.validation(INVARIANCE)
 
 SIDE = 4.0  # m
 AREA = 6 * SIDE**2
@@ -44,13 +47,18 @@ def means(traced):
     return [np.average(light, axis=0, weights=traced.areas) for light in traced.colours()]
 
 
-def test_each_channel_is_a_room_of_its_own(runs):
+def test_each_channel_is_a_room_of_its_own(validation, request, runs):
     colour, reflectance, traced = runs
     direct, indirect = np.array([means(run) for run in traced]).transpose(1, 0, 2)
     assert direct == pytest.approx(np.tile(FLUX / AREA * colour, (RUNS, 1)), rel=1e-5)
     expected = FLUX / AREA * colour * reflectance / (1 - reflectance)
     sigma = indirect.std(axis=0, ddof=1) / np.sqrt(RUNS)
-    assert np.all(np.abs(indirect.mean(axis=0) - expected) <= 4 * sigma + 1e-6 * FLUX / AREA)
+    validation.check(
+        f"{request.node.callspec.id}, mean indirect light by channel, photons",
+        *(expected, indirect.mean(axis=0)),
+        sigma=sigma,
+        absolute=1e-6 * FLUX / AREA,
+    )
     assert sigma.max() < 0.02 * expected.max()
 
 

@@ -14,6 +14,9 @@ from usd_scenes.shapes import rectangle
 
 from core_scenes import bucket_flux, luminaire, surface, trace
 from isolux import _core
+from validation.rows import STOCHASTIC
+
+pytestmark = pytest.mark.validation(STOCHASTIC)
 
 FLUX = 1000.0  # lm
 PHOTONS = 400_000
@@ -21,7 +24,7 @@ HEIGHT = 2.0  # m, of the luminaires above the floor
 FLOOR = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.25))
 
 
-def assert_sampled_from(traced, expected_flux, mesh=0):
+def assert_sampled_from(validation, case, traced, expected_flux, mesh=0):
     """χ² of the direct counts of a mesh, and of the photons that went elsewhere."""
     photons = traced.buckets.ends["emitted"]
     counts = traced.hits[traced.front(mesh), 0]
@@ -31,7 +34,8 @@ def assert_sampled_from(traced, expected_flux, mesh=0):
     kept = predicted > 5
     assert predicted[~kept].sum() < 50
     observed, predicted = observed[kept], predicted[kept]
-    assert chisquare(observed, predicted * observed.sum() / predicted.sum()).pvalue > 1e-3
+    p = chisquare(observed, predicted * observed.sum() / predicted.sum()).pvalue
+    validation.bound(f"{case}, photons, p of χ² over {len(observed)} places", p, at_least=1e-3)
 
 
 def cosine_power_source(points, normals):
@@ -39,7 +43,7 @@ def cosine_power_source(points, normals):
     return 9000.0 / (points[:, 0] ** 2 + points[:, 1] ** 2 + 9.0) ** 2
 
 
-def test_point_source_over_a_floor_of_cie_171_case_5_2():
+def test_point_source_over_a_floor_of_cie_171_case_5_2(validation):
     points = np.array([(0, 0, 0), (0.5, 0, 0), (1, 0, 0), (1.5, 0, 0), (1.5, 1.5, 0)])
     tabulated = [111.11, 105.21, 90.02, 71.11, 49.39]  # lx
     assert cosine_power_source(points, None) == pytest.approx(tabulated, rel=3e-4)
@@ -49,7 +53,8 @@ def test_point_source_over_a_floor_of_cie_171_case_5_2():
     diagram = _core.CandelaDistribution(gamma, np.zeros(1), candela[None])
     source = luminaire(1000.0 * np.pi, (0, 0, 3), size=(1e-4, 0.0))
     traced = trace([FLOOR], [source], PHOTONS, diagram=diagram)
-    assert_sampled_from(traced, bucket_flux(traced, cosine_power_source))
+    flux = bucket_flux(traced, cosine_power_source)
+    assert_sampled_from(validation, "CIE 171 case 5.2", traced, flux)
 
 
 def sphere_factor(points, normals, radius):
@@ -115,11 +120,12 @@ TILTED_AXES = np.array([TILTED, (0, 1, 0), np.cross(TILTED, (0, 1, 0))])
     ],
     ids=["sphere", "disk", "rect", "cylinder", "tilted cylinder"],
 )
-def test_light_of_each_shape_on_a_floor(shape, size, axes, emitting_area, factor):
+def test_light_of_each_shape_on_a_floor(validation, shape, size, axes, emitting_area, factor):
     source = luminaire(FLUX, (0, 0, HEIGHT), shape, size, axes=axes)
     traced = trace([FLOOR], [source], PHOTONS)
     exitance = FLUX / emitting_area
-    assert_sampled_from(traced, bucket_flux(traced, lambda p, n: exitance * factor(p, n)))
+    flux = bucket_flux(traced, lambda p, n: exitance * factor(p, n))
+    assert_sampled_from(validation, f"{shape} {size} over a floor", traced, flux)
 
 
 def polygon_illuminance(corners, luminance, points, normals):
@@ -154,7 +160,7 @@ def ceiling_source(points, normals):
     return polygon_illuminance(corners, 1000.0, points, normals)
 
 
-def test_area_light_of_cie_171_case_5_3(area_light_room):
+def test_area_light_of_cie_171_case_5_3(validation, area_light_room):
     heights = np.arange(2.75, 0.0, -0.5)
     on_wall = np.stack([np.full(6, 2.0), np.zeros(6), heights], axis=1)
     exact = [32.677, 75.194, 81.323, 69.061, 53.404, 40.002]
@@ -163,7 +169,8 @@ def test_area_light_of_cie_171_case_5_3(area_light_room):
 
     for mesh in range(5):
         predicted = bucket_flux(area_light_room, ceiling_source, mesh)
-        assert_sampled_from(area_light_room, predicted, mesh)
+        case = f"CIE 171 case 5.3, {'floor' if mesh == 0 else f'wall {mesh}'}"
+        assert_sampled_from(validation, case, area_light_room, predicted, mesh)
 
 
 def test_a_light_that_touches_a_surface_loses_no_flux_to_it(area_light_room):

@@ -12,6 +12,9 @@ from usd_scenes.furnace_sphere.generate import icosphere
 
 from core_scenes import bucket_flux, luminaire, surface, trace
 from isolux import _core
+from validation.rows import DIAGRAMS
+
+pytestmark = pytest.mark.validation(DIAGRAMS)
 
 FLUX = 500.0  # lm
 PHOTONS = 400_000
@@ -20,7 +23,7 @@ SPHERE = surface(icosphere(3).flipped())
 TURNED = Rotation.from_euler("xyz", [20, -50, 130], degrees=True).as_matrix().T
 
 
-def assert_caught_as(traced, intensity):
+def assert_caught_as(validation, case, traced, intensity):
     """intensity : cd, of unit directions (n, 3) in world space."""
 
     def illuminance(points, normals):
@@ -37,7 +40,8 @@ def assert_caught_as(traced, intensity):
     if predicted[-1] <= 5:
         assert observed[-1] < 20
         observed, predicted = observed[:-1], predicted[:-1]
-    assert chisquare(observed, predicted * observed.sum() / predicted.sum()).pvalue > 1e-3
+    p = chisquare(observed, predicted * observed.sum() / predicted.sum()).pvalue
+    validation.bound(f"{case}, p of χ² over {len(observed)} directions", p, at_least=1e-3)
 
 
 def lambertian(local):
@@ -58,9 +62,10 @@ def isotropic(local):
     ("shape", "intensity"),
     [("sphere", isotropic), ("disk", lambertian), ("rect", lambertian), ("cylinder", tube)],
 )
-def test_surfaces_of_constant_luminance(shape, intensity, axes):
+def test_surfaces_of_constant_luminance(validation, shape, intensity, axes):
     traced = trace([SPHERE], [luminaire(FLUX, shape=shape, size=SIZE, axes=axes)], PHOTONS)
-    assert_caught_as(traced, lambda directions: intensity(directions @ axes.T))
+    case = f"{shape} from afar, {'upright' if axes is not TURNED else 'turned'}, photons"
+    assert_caught_as(validation, case, traced, lambda directions: intensity(directions @ axes.T))
 
 
 def lopsided(gamma, c):
@@ -81,9 +86,10 @@ def lopsided_flux():
 
 
 @pytest.mark.parametrize("shape", ["sphere", "disk", "rect", "cylinder"])
-def test_goniometric_diagrams_whatever_the_opening(shape):
+def test_goniometric_diagrams_whatever_the_opening(validation, shape):
     diagram = lopsided_diagram()
-    assert diagram.luminous_flux == pytest.approx(lopsided_flux(), rel=1e-3)
+    flux = diagram.luminous_flux
+    validation.check("flux of a diagram", lopsided_flux(), flux, relative=1e-3, unit="lm")
 
     def intensity(directions):
         x, y, z = (directions @ TURNED.T).T
@@ -91,10 +97,11 @@ def test_goniometric_diagrams_whatever_the_opening(shape):
         return candela * FLUX / lopsided_flux()
 
     source = luminaire(FLUX, shape=shape, size=SIZE, axes=TURNED)
-    assert_caught_as(trace([SPHERE], [source], PHOTONS, diagram=diagram), intensity)
+    traced = trace([SPHERE], [source], PHOTONS, diagram=diagram)
+    assert_caught_as(validation, f"{shape} with a diagram from afar, photons", traced, intensity)
 
 
-def test_luminaires_share_the_photons_by_their_flux():
+def test_luminaires_share_the_photons_by_their_flux(validation):
     """Two spots, up and down."""
     down, up = (
         luminaire(f, shape="disk", axes=np.diag([1.0, s, s])) for f, s in ((70, 1), (30, -1))
@@ -103,4 +110,6 @@ def test_luminaires_share_the_photons_by_their_flux():
     below = traced.hits[traced.scene.vertex_positions[:, 2] < -0.1, 0].sum()
     above = traced.hits[traced.scene.vertex_positions[:, 2] > 0.1, 0].sum()
     share = below / (below + above)
-    assert share == pytest.approx(0.7, abs=4 * np.sqrt(0.7 * 0.3 / PHOTONS))
+    sigma = np.sqrt(0.7 * 0.3 / PHOTONS)
+    case = "share of the photons of a luminaire that has 70 % of the flux"
+    validation.check(case, 0.7, share, sigma=sigma, unit="")

@@ -19,6 +19,9 @@ from core_scenes import (
     surface,
     trace,
 )
+from validation.rows import STOCHASTIC
+
+pytestmark = pytest.mark.validation(STOCHASTIC)
 
 SEEDS = 20
 SPHERE = trace([surface(icosphere(3).flipped(), 0.5)], [luminaire()], 16)

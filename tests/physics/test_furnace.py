@@ -14,6 +14,9 @@ from usd_scenes.furnace_sphere.generate import icosphere
 from usd_scenes.shapes import box
 
 from core_scenes import luminaire, surface, trace
+from validation.rows import STOCHASTIC
+
+pytestmark = pytest.mark.validation(STOCHASTIC)
 
 RAYS = 600_000
 FLUX = 1000.0  # lm
@@ -28,25 +31,28 @@ def furnace(request):
     return reflectance, photons, sphere.area(), traced
 
 
-def test_mean_illuminance_of_a_closed_sphere(furnace):
+def test_mean_illuminance_of_a_closed_sphere(validation, furnace):
     reflectance, photons, area, traced = furnace
     expected = FLUX / (area * (1 - reflectance))
     sigma = np.sqrt(reflectance / photons)
-    assert traced.mean_illuminance.sum() == pytest.approx(expected, rel=4 * sigma)
-    indirect_sigma = 1 / np.sqrt(reflectance * photons)
-    assert traced.mean_illuminance[1] == pytest.approx(
-        expected * reflectance, rel=4 * indirect_sigma
-    )
+    case = f"sphere of ρ {reflectance}, mean light, photons"
+    validation.check(case, expected, traced.mean_illuminance.sum(), sigma=sigma * expected)
+    indirect = expected * reflectance
+    sigma = indirect / np.sqrt(reflectance * photons)
+    case = f"sphere of ρ {reflectance}, mean indirect light, photons"
+    validation.check(case, indirect, traced.mean_illuminance[1], sigma=sigma)
 
 
-def test_filtered_illuminance_of_a_closed_sphere_is_uniform(furnace):
+def test_filtered_illuminance_of_a_closed_sphere_is_uniform(validation, furnace):
     reflectance, photons, area, traced = furnace
     filtered = traced.filtered()
     illuminance = (filtered["direct"] + filtered["indirect"])[:, 0]
     expected = FLUX / (area * (1 - reflectance))
     sigma_of_mean = np.sqrt(reflectance / photons)
-    assert np.average(illuminance, weights=traced.areas) == pytest.approx(
-        expected, rel=4 * sigma_of_mean
+    validation.check(
+        f"sphere of ρ {reflectance}, mean light, filtered photons",
+        *(expected, np.average(illuminance, weights=traced.areas)),
+        sigma=sigma_of_mean * expected,
     )
     # Each vertex is as far off as the solution says of itself.
     assert np.abs(illuminance / expected - 1).max() < 4.5 * np.hypot(
@@ -74,13 +80,15 @@ CIE_171_5_8 = {
 
 
 @pytest.mark.parametrize(("reflectance", "tabulated"), CIE_171_5_8.items())
-def test_indirect_light_in_the_cube_of_cie_171_case_5_8(reflectance, tabulated):
+def test_indirect_light_in_the_cube_of_cie_171_case_5_8(validation, reflectance, tabulated):
     photons = int(RAYS / 2 * (1 - reflectance))
     room = surface(box((SIZE, SIZE, SIZE), 1.0).flipped(), reflectance)
     traced = trace([room], [luminaire(BOX_FLUX)], photons)
     expected = reflectance * BOX_FLUX / (6 * SIZE**2 * (1 - reflectance))
     assert expected == pytest.approx(tabulated, rel=3e-3)  # to three figures
-    assert traced.mean_illuminance[1] == pytest.approx(
-        expected, rel=4 / np.sqrt(reflectance * photons)
+    validation.check(
+        f"cube of ρ {reflectance}, mean indirect light, photons",
+        *(expected, traced.mean_illuminance[1]),
+        sigma=expected / np.sqrt(reflectance * photons),
     )
     assert traced.mean_illuminance[0] == pytest.approx(BOX_FLUX / (6 * SIZE**2))

@@ -7,6 +7,9 @@ from usd_scenes.shapes import box, rectangle
 
 from core_scenes import luminaire, surface, trace
 from isolux import _core
+from validation.rows import GLOBAL
+
+pytestmark = pytest.mark.validation(GLOBAL)
 
 WEIGHTS = [0.2126, 0.7152, 0.0722]
 
@@ -19,14 +22,15 @@ def gathered(traced, illuminance, rays, seed=1):
 
 
 @pytest.mark.parametrize("reflectance", [0.2, 0.6, 0.9])
-def test_light_from_the_centre_of_a_closed_sphere_comes_back_evenly(reflectance):
+def test_light_from_the_centre_of_a_closed_sphere_comes_back_evenly(validation, reflectance):
     """Furnace: every ray meets the same exitance, ρΦ / (A (1 - ρ)) comes back everywhere."""
     sphere = icosphere(4).flipped()
     traced = trace([surface(sphere, reflectance)], [luminaire(1000.0)], 1000)
     total = 1000 / (sphere.area() * (1 - reflectance))
     indirect, found = gathered(traced, np.full(len(traced.areas), total), 10_000)
     # The facets are up to 0.3 % nearer to the lamp than the mean.
-    assert indirect == pytest.approx(reflectance * total, rel=0.01)
+    case = f"furnace, sphere of ρ {reflectance}, each point by gather"
+    validation.check(case, reflectance * total, indirect, relative=0.01)
     assert found["indirect_rms"] < 0.01 * reflectance * total
 
 
@@ -44,7 +48,7 @@ def test_mean_indirect_light_in_the_cube_of_cie_171_case_5_8(reflectance):
     assert np.average(indirect, weights=traced.areas) == pytest.approx(expected, rel=4 * sigma)
 
 
-def test_light_from_a_ceiling_against_quadrature():
+def test_light_from_a_ceiling_against_quadrature(validation):
     """A floor lit by a ceiling whose exitance is known, through the form factor's integral."""
     floor = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.25), 0.0)
     ceiling = surface(rectangle((-2, -2, 2), (0, 4, 0), (4, 0, 0), 0.0625), 0.5)
@@ -66,7 +70,8 @@ def test_light_from_a_ceiling_against_quadrature():
     )
     off = found[at_floor] - expected
     rms = np.sqrt(np.average(off**2, weights=traced.areas[at_floor]))
-    assert rms < 0.004 * expected.mean()
+    case = "ceiling of a known exitance, RMS error on a floor by gather"
+    validation.bound(case, rms / expected.mean(), at_most=0.004)
     assert not found[at_ceiling].any()  # nothing that reflects faces it
 
 

@@ -6,6 +6,9 @@ import pytest
 from isolux import ProgressiveSolver, SolverSettings
 from isolux.solution import LUMINANCE_WEIGHTS
 from usda_stage import read_usda
+from validation.rows import GLOBAL
+
+pytestmark = pytest.mark.validation(GLOBAL)
 
 LAMP = """def SphereLight "Lamp" {
     float inputs:radius = 0.02
@@ -21,7 +24,7 @@ def last_solution(scene, **settings):
 
 @pytest.mark.parametrize("mirror", [1, -1])
 @pytest.mark.parametrize("reflectance", [0.0, 0.5, 0.8])
-def test_a_sphere_seen_from_inside_is_an_integrating_sphere(reflectance, mirror):
+def test_a_sphere_seen_from_inside_is_an_integrating_sphere(validation, reflectance, mirror):
     """E = flux / (A (1 - rho)) everywhere; A of the polygons, 0.36 % below that of the sphere."""
     scene = read_usda(
         f"""def Sphere "Ball" {{
@@ -38,7 +41,8 @@ def test_a_sphere_seen_from_inside_is_an_integrating_sphere(reflectance, mirror)
     area = solution.vertex_areas.sum()
     assert 1 - area / (16 * np.pi) == pytest.approx(0.0036, abs=1e-4)
     expected = scene.luminous_flux / (area * (1 - reflectance))
-    assert solution.mean_illuminance("/Ball") == pytest.approx(expected, rel=0.005)
+    case = f"Sphere prim of ρ {reflectance}, scaled by ({mirror}, 1, 1), mean light, dept"
+    validation.check(case, expected, solution.mean_illuminance("/Ball"), relative=0.005)
     everywhere = (solution.direct + solution.indirect) @ LUMINANCE_WEIGHTS
     deviations = (everywhere / expected - 1) / solution.relative_deviation
     assert np.sqrt(np.mean(deviations**2)) == pytest.approx(1, abs=0.3)

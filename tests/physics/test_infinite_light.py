@@ -11,6 +11,9 @@ from usd_scenes.shapes import box, rectangle
 
 from core_scenes import bucket_flux, build, distant, dome, luminaire, surface, trace
 from isolux import _core
+from validation.rows import DIRECT
+
+pytestmark = pytest.mark.validation(DIRECT)
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 FLOOR = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.5))
@@ -53,14 +56,16 @@ DIRECTIONS, SOLID_ANGLE, ROW, COLUMN = sphere_of_directions()
 
 
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 60.0, 89.0, 120.0])
-def test_parallel_light_falls_with_the_cosine(degrees):
+def test_parallel_light_falls_with_the_cosine(validation, degrees):
     lit, found = illuminate(build([FLOOR], [distant(1000.0)]), np.ones((1, 3)), tilted(degrees))
-    assert lit[0] == pytest.approx(1000 * max(0, np.cos(np.radians(degrees))), rel=1e-6, abs=1e-9)
+    expected = 1000 * max(0, np.cos(np.radians(degrees)))
+    case = f"parallel light, {degrees:g}° off the normal"
+    validation.check(case, expected, lit[0], relative=1e-6, absolute=1e-9)
     assert found["standard_error"][0] == 0
 
 
 @pytest.mark.parametrize("half_angle", [0.265, 5.0, 45.0, 90.0, 120.0, 180.0])
-def test_a_cone_of_light_against_quadrature(half_angle):
+def test_a_cone_of_light_against_quadrature(validation, half_angle):
     """Over a floor that hides none of it; also where the horizon cuts it."""
     degrees = np.array([0.0, 40.0, 70.0, 85.0, 90.0, 95.0, 130.0, 180.0])
     normals = tilted(degrees)
@@ -80,7 +85,8 @@ def test_a_cone_of_light_against_quadrature(half_angle):
     scene = build([FLOOR], [distant(1000.0, np.radians(half_angle))])
     high_up = np.tile([0, 0, 500.0], (len(normals), 1))  # what the floor hides is small
     lit, _ = illuminate(scene, high_up, normals)
-    assert lit == pytest.approx(expected, rel=2e-4, abs=0.05)
+    case = f"distant light from a cone of {half_angle:g}°, by quadrature"
+    validation.check(case, expected, lit, relative=2e-4, absolute=0.05)
 
 
 @pytest.mark.parametrize("axes", [np.eye(3), TURNED], ids=["upright", "turned"])

@@ -10,6 +10,10 @@ from usd_scenes.furnace_sphere.generate import icosphere
 from usd_scenes.shapes import box
 
 from core_scenes import luminaire, surface, trace
+from solved_scenes import photometric, solved
+from validation.rows import INVARIANCE
+
+pytestmark = pytest.mark.validation(INVARIANCE)
 
 PHOTONS = 60_000
 FLUX = 2000.0  # lm
@@ -40,20 +44,23 @@ def reference():
 
 
 @pytest.mark.parametrize("exponent", [-20, -7, 7, 20])
-def test_powers_of_two_in_size_change_no_bit(reference, exponent):
+def test_powers_of_two_in_size_change_no_bit(validation, reference, exponent):
     scale = 2.0**exponent
     scaled = room(lambda points: points * scale, scale)
-    assert np.array_equal(scaled.hits, reference.hits)
+    other = np.count_nonzero(scaled.hits != reference.hits)
+    case = f"scale 2^{exponent}, vertices with other counts of photons"
+    validation.check(case, 0, other, absolute=0, unit="")
     for component in ("direct", "indirect", "relative_deviation"):
         assert np.array_equal(scaled.filtered()[component], reference.filtered()[component])
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
-def test_the_unit_of_length_is_free(reference, scale):
+def test_the_unit_of_length_is_free(validation, reference, scale):
     """Rounding sends some photons other ways; filtered values differ where distances tied."""
     scaled = room(lambda points: points * scale, scale)
     assert share_of_other_hits(scaled, reference) < 5e-3
-    assert scaled.mean_illuminance == pytest.approx(reference.mean_illuminance, rel=1e-3)
+    case = f"scale {scale:g}, mean direct and indirect light"
+    validation.check(case, reference.mean_illuminance, scaled.mean_illuminance, relative=1e-3)
     filtered, expected = scaled.filtered(), reference.filtered()
     off = filtered["indirect"][:, 0] - expected["indirect"][:, 0]
     rms = np.sqrt(np.average(off**2, weights=reference.areas))
@@ -72,11 +79,12 @@ def test_a_place_far_from_the_origin_changes_no_bit():
         assert np.array_equal(far.filtered()[component], near.filtered()[component])
 
 
-def test_a_place_far_from_the_origin_keeps_its_light(reference):
+def test_a_place_far_from_the_origin_keeps_its_light(validation, reference):
     """A ball's points are rounded at 10⁷, to 10⁻⁹ m: some photons near edges go other ways."""
     far = room(lambda points: points + 1e7)
     assert share_of_other_hits(far, reference) < 1e-3
-    assert far.mean_illuminance == pytest.approx(reference.mean_illuminance, rel=1e-4)
+    case = "10⁷ m from the origin, mean direct and indirect light"
+    validation.check(case, reference.mean_illuminance, far.mean_illuminance, relative=1e-4)
 
 
 def share_of_other_hits(a, b):
@@ -91,7 +99,7 @@ def assert_samples_of_one_expectation(counts, others):
     assert chi2.sf(squares.sum(), filled.sum()) > 1e-3
 
 
-def test_a_turned_room_has_the_same_light(reference):
+def test_a_turned_room_has_the_same_light(validation, reference):
     turn = Rotation.from_euler("xyz", [30, 40, 50], degrees=True).as_matrix().T
     meshes = [moved(m, lambda points: points @ turn) for m in reference.meshes]
     at = np.array([0.5, 0.25, 1.75]) @ turn
@@ -99,12 +107,14 @@ def test_a_turned_room_has_the_same_light(reference):
     turned = trace(meshes, [lamp], PHOTONS, seed=2)
     assert_samples_of_one_expectation(turned.hits[:, 0], reference.hits[:, 0])
     # Indirect hits of one photon correlate a little: they are tested by their mean.
-    assert turned.mean_illuminance == pytest.approx(
-        reference.mean_illuminance, rel=4 * np.sqrt(2 / (0.6 * PHOTONS))
+    validation.check(
+        "turned room, mean direct and indirect light, photons",
+        *(reference.mean_illuminance, turned.mean_illuminance),
+        sigma=reference.mean_illuminance * np.sqrt(2 / (0.6 * PHOTONS)),
     )
 
 
-def test_two_luminaires_give_the_sum_of_their_light():
+def test_two_luminaires_give_the_sum_of_their_light(validation):
     meshes = [surface(box((4, 4, 4), 0.5).flipped(), 0.5)]
     lamps = [
         luminaire(1500.0, (1, 1, 1)),
@@ -120,6 +130,32 @@ def test_two_luminaires_give_the_sum_of_their_light():
     assert chi2.sf(squares.sum(), len(squares)) > 1e-3
     # At reflectance ρ the mean indirect light of N photons deviates by 1 / √(ρ N).
     sigma = both.mean_illuminance[1] * np.sqrt(2 / (0.5 * PHOTONS))
-    assert both.mean_illuminance[1] == pytest.approx(
-        sum(traced.mean_illuminance[1] for traced in alone), abs=4 * sigma
+    validation.check(
+        "two luminaires, mean indirect light, the sum of each alone, photons",
+        *(sum(traced.mean_illuminance[1] for traced in alone), both.mean_illuminance[1]),
+        sigma=sigma,
     )
+
+
+def test_a_turned_room_by_the_composite(validation):
+    """Vertex by vertex, and in other directions from a larger scale on."""
+    turn = 3.0 * Rotation.from_euler("xyz", [70, -20, 110], degrees=True).as_matrix().T
+    meshes = [
+        surface(box((4, 4, 4), 0.5).flipped(), 0.6, path="/Room"),
+        surface(icosphere(2).moved(0.5, -0.75, -1.0), 0.4, path="/Ball"),
+    ]
+    at, size = np.array([0.5, 0.25, 1.75]), np.array([0.5, 0.25])
+    lamp = luminaire(FLUX, at, "rect", tuple(size))
+    turned_lamp = luminaire(FLUX * 9, at @ turn, "rect", tuple(3 * size), axes=turn / 3)
+    a, b = (
+        solved(scene, [light], method="composite", photons=50_000)
+        for scene, light in (
+            (meshes, lamp),
+            ([moved(m, lambda points: points @ turn) for m in meshes], turned_lamp),
+        )
+    )
+    for component, tolerance in (("direct", 0.01), ("indirect", 0.02)):
+        x, y = photometric(a, component), photometric(b, component)
+        rms = np.sqrt(np.average((x - y) ** 2, weights=a.vertex_areas))
+        case = f"room turned and 3 times as large, RMS between their {component} light, composite"
+        validation.bound(case, rms / np.average(x, weights=a.vertex_areas), at_most=tolerance)

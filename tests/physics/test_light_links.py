@@ -14,6 +14,9 @@ from isolux.core_scene import build_core_scene
 from isolux.settings import SolverSettings
 from isolux.solution import LUMINANCE_WEIGHTS
 from isolux.solver import ProgressiveSolver
+from validation.rows import INVARIANCE
+
+pytestmark = pytest.mark.validation(INVARIANCE)
 
 NONE = np.zeros(0, np.float32)
 PHOTONS = 200_000

@@ -9,6 +9,9 @@ from usd_scenes.shapes import box, rectangle
 
 from core_scenes import build, luminaire, shining, surface, trace
 from isolux import _core
+from validation.rows import DIRECT, GLOBAL
+
+pytestmark = pytest.mark.validation(DIRECT)
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 FLOOR = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.25))
@@ -93,19 +96,23 @@ def test_photons_of_a_mesh_and_its_shadow_rays_agree():
     )
 
 
+@pytest.mark.validation(GLOBAL)
 @pytest.mark.parametrize("reflectance", [0.0, 0.5, 0.8])
-def test_a_closed_room_that_shines_everywhere_is_a_furnace(reflectance):
+def test_a_closed_room_that_shines_everywhere_is_a_furnace(validation, reflectance):
     """B = M / (1 - ρ): the illuminance is π L / (1 - ρ) at each point of it."""
     walls = shining(box((2, 2, 2), 0.5).flipped(), 100.0)
     walls = replace(walls, reflectance=np.full((1, 3), reflectance, np.float32))
     traced = trace([walls], [of(walls)], PHOTONS)
     sigma = np.sqrt(reflectance / PHOTONS)
     expected = 100 * np.pi / (1 - reflectance)
-    assert traced.mean_illuminance.sum() == pytest.approx(expected, rel=4 * sigma + 1e-9)
+    case = f"furnace of ρ {reflectance} that shines everywhere, mean light, photons"
+    found = traced.mean_illuminance.sum()
+    validation.check(case, expected, found, sigma=sigma * expected, relative=1e-9)
     assert traced.buckets.ends["escaped"] == 0
     # Near an edge or a corner a point sees its neighbours aslant: by shadow rays the same.
     lit, _ = illuminate(traced.scene, 0)
-    assert lit.mean() == pytest.approx(100 * np.pi, rel=0.01)
+    case = f"furnace of ρ {reflectance} that shines everywhere, direct light"
+    validation.check(case, 100 * np.pi, lit.mean(), relative=0.005)
 
 
 def test_a_hundred_thousand_triangles_are_one_light():

@@ -13,6 +13,9 @@ from isolux import _core
 from isolux.core_scene import build_core_scene, mesh_triangles
 from isolux.settings import SolverSettings
 from isolux.solution import LUMINANCE_WEIGHTS
+from validation.rows import INVARIANCE
+
+pytestmark = pytest.mark.validation(INVARIANCE)
 
 NONE = np.zeros(0, np.float32)
 OPACITY = 0.3

@@ -51,7 +51,7 @@ def at_vertices(scene, radiosity):
 
 
 @pytest.mark.parametrize("blocks", [(), BLOCKS], ids=["empty", "with blocks"])
-def test_a_furnace_gives_each_point_the_light_of_all_its_walls(blocks):
+def test_a_furnace_gives_each_point_the_light_of_all_its_walls(validation, blocks):
     """Exitance alike everywhere: the form factors of what a point sees sum to 1."""
     reflectance = 0.5
     scene = build([surface(s, reflectance) for s in (WALLS, *blocks)], [luminaire()])
@@ -59,22 +59,34 @@ def test_a_furnace_gives_each_point_the_light_of_all_its_walls(blocks):
     found = radiosity.indirect(scene.receiver_positions, scene.vertex_normals, 2)
     illuminance = found["illuminance"][:, 0] / (100.0 * reflectance)
     # Without anything in the way form factors are exact and the rays agree.
-    assert illuminance == pytest.approx(1.0, abs=4 * ACCURACY if blocks else 1e-4)
+    room = "a room with blocks" if blocks else "an empty room"
+    validation.check(
+        f"furnace, {room}, sum of form factors at each point, ddl+hpr",
+        *(1.0, illuminance),
+        relative=4 * ACCURACY if blocks else 1e-4,
+        unit="",
+    )
     radiosity.advance(10**10, 2)
     everywhere = at_vertices(scene, radiosity) / (100.0 * reflectance / (1 - reflectance))
-    assert everywhere == pytest.approx(1.0, abs=4 * ACCURACY if blocks else 0.5 * ACCURACY)
+    validation.check(
+        f"furnace, {room}, indirect light of all bounces at each point, ddl+hpr",
+        *(1.0, everywhere),
+        relative=4 * ACCURACY if blocks else 0.005,
+        unit="",
+    )
 
 
-def test_a_closed_sphere_is_lit_alike():
+def test_a_closed_sphere_is_lit_alike(validation):
     sphere = icosphere(1).flipped()
     reflectance, flux = 0.8, 1000.0
     scene = build([surface(sphere, reflectance)], [luminaire(flux)])
     illuminance = at_vertices(scene, solved(scene))
     expected = reflectance * flux / (sphere.area() * (1 - reflectance))
-    assert np.average(illuminance, weights=scene.vertex_areas) == pytest.approx(
-        expected, rel=ACCURACY
-    )
-    assert illuminance == pytest.approx(expected, rel=2 * ACCURACY)
+    found = np.average(illuminance, weights=scene.vertex_areas)
+    case = "sphere, mean indirect light, ddl+hpr"
+    validation.check(case, expected, found, relative=ACCURACY)
+    case = "sphere, indirect light, ddl+hpr"
+    validation.check(case, expected, illuminance, relative=2 * ACCURACY)
 
 
 @pytest.mark.validation(CIE_171)
@@ -90,7 +102,7 @@ def test_mean_indirect_light_in_the_cube_of_cie_171_case_5_8(validation, reflect
     validation.check("5.8 mean indirect light, ddl+hpr", expected, mean, **along)
 
 
-def test_between_wide_plates_light_comes_from_the_other_plate_alone():
+def test_between_wide_plates_light_comes_from_the_other_plate_alone(validation):
     """E1 = M ρ2 / (1 - ρ1 ρ2), E2 = M / (1 - ρ1 ρ2) for a plate 1 of exitance M that faces 2."""
     reflectances = np.array([0.8, 0.3])
     width, gap = 100.0, 1.0
@@ -109,7 +121,9 @@ def test_between_wide_plates_light_comes_from_the_other_plate_alone():
     found = radiosity.indirect(middle, np.array([(0, -1, 0), (0, 1, 0)], np.float32), 2)
     expected = 100.0 / (1 - reflectances.prod()) * np.array([reflectances[1], 1.0])
     # A plate of half width w at a distance h fills all but about (h / w)² of the hemisphere.
-    assert found["illuminance"][:, 0] == pytest.approx(expected, rel=ACCURACY)
+    found = found["illuminance"][:, 0]
+    case = "wide plates of ρ (0.8, 0.3), light on each, ddl+hpr"
+    validation.check(case, expected, found, relative=ACCURACY)
 
 
 def test_the_foot_of_a_block_takes_half_of_the_light_of_its_floor():

@@ -18,6 +18,9 @@ from core_scenes import (
     surface,
     trace,
 )
+from validation.rows import STOCHASTIC
+
+pytestmark = pytest.mark.validation(STOCHASTIC)
 
 
 def reported_and_true(scene, photons, seeds, truth, component, **settings):
@@ -42,11 +45,12 @@ def shadow():
 
 @pytest.mark.parametrize(("photons", "seeds"), [(10_000, 60), (80_000, 12), (640_000, 4)])
 @pytest.mark.parametrize("settings", [{}, {"sharing": 0.0}, {"paper": True}], ids=str)
-def test_on_a_shadowed_floor(shadow, photons, seeds, settings):
+def test_on_a_shadowed_floor(validation, shadow, photons, seeds, settings):
     """Bias at the shadow's edge and noise together: from 45 % down to 6 %."""
     floor, truth = shadow
     reported, true = reported_and_true(floor, photons, range(seeds), truth, "total", **settings)
-    assert reported == pytest.approx(true, rel=0.1)
+    case = f"reported RMS error, shadowed floor, {photons:,} photons {settings or ''}"
+    validation.check(case.strip(), true, reported, relative=0.1, unit="")
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +63,7 @@ def room():
 
 @pytest.mark.parametrize(("photons", "seeds"), [(5_000, 30), (40_000, 5)])
 @pytest.mark.parametrize("component", ["total", "indirect"])
-def test_in_a_room_with_bounces(room, photons, seeds, component):
+def test_in_a_room_with_bounces(validation, room, photons, seeds, component):
     scene, illuminance = room
     truth = illuminance[:, 1] if component == "indirect" else illuminance.sum(axis=1)
     reported, true = reported_and_true(scene, photons, range(seeds), truth, component)
@@ -67,7 +71,8 @@ def test_in_a_room_with_bounces(room, photons, seeds, component):
     noise = np.sqrt(np.average(truth * scene.photon_flux / scene.areas, weights=scene.areas))
     noise /= np.average(truth, weights=scene.areas)
     assert noise < 0.5 * true
-    assert reported == pytest.approx(np.sqrt(true**2 - noise**2), rel=0.1)
+    case = f"reported RMS error, room with bounces, {photons:,} photons, {component}"
+    validation.check(case, np.sqrt(true**2 - noise**2), reported, relative=0.1, unit="")
 
 
 def test_the_buckets_error_is_eq_5(shadow):

@@ -16,6 +16,9 @@ from isolux.settings import SolverSettings
 from isolux.solver import ProgressiveSolver
 from isolux.stage_reader import read_stage
 from small_room import write_room
+from validation.rows import INVARIANCE
+
+pytestmark = pytest.mark.validation(INVARIANCE)
 
 PHOTONS = 40_000
 MESHES = [

@@ -8,6 +8,9 @@ from usd_scenes.shapes import rectangle
 
 from core_scenes import Array, build, luminaire, surface
 from isolux import _core
+from validation.rows import DIRECT
+
+pytestmark = pytest.mark.validation(DIRECT)
 
 LAMP_HEIGHT, SCREEN_HEIGHT = 3.0, 1.5  # m
 CANDELA = 1000.0

@@ -11,6 +11,9 @@ from isolux.solution import LUMINANCE_WEIGHTS
 from isolux.solver import ProgressiveSolver
 from isolux.stage_reader import read_stage
 from small_room import write_stage
+from validation.rows import GLOBAL
+
+pytestmark = pytest.mark.validation(GLOBAL)
 
 LAMP = """    def SphereLight "Lamp" {
         float inputs:intensity = 1000

@@ -13,7 +13,9 @@ from usd_scenes.shapes import Shape, box, rectangle
 from core_scenes import bucket_flux, build, luminaire, relative_rms, surface, trace
 from isolux import _core
 from isolux.solution import LUMINANCE_WEIGHTS
-from validation.rows import CIE_171
+from validation.rows import CIE_171, GLOBAL
+
+pytestmark = pytest.mark.validation(GLOBAL)
 
 NO_LIGHT = np.zeros(0, np.float32)
 ACCURACY = 0.02

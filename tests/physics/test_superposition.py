@@ -97,5 +97,6 @@ def test_a_red_light_gives_the_red_of_a_white_one(validation):
     )
     of_white, of_red = (np.average(s.indirect, axis=0, weights=s.vertex_areas) for s in (a, b))
     case = "red light, mean indirect, the red channel of white light"
-    validation.check(case, of_white[0], of_red[0], relative=0.02)
+    # Over 8 seeds the first deviates by 0.9 %, since its photons have colours, the second by 0.4 %.
+    validation.check(case, of_white[0], of_red[0], sigma=0.01 * of_white[0])
     validation.check("red light, indirect, its green and blue", 0, of_red[1:], absolute=0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import subprocess
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -105,7 +106,9 @@ def summary(cases: Sequence[Case], tables: Sequence[Measured]) -> str:
         + (f" at {place(row)}" if row and row.at is not None else "")
         + (f": {row_figures(row)}" if row and row.got != "" else "")
         + (f". {case.reason}" if case.reason else "")
+        for group in GROUPS
         for case in cases
+        if case.group == group
         for row, outcome in lines_of(case)
         if outcome == "fail"
     ]
@@ -152,12 +155,14 @@ def tests_of(group: str, cases: Iterable[Case]) -> str:
         for case_name, of_case in groupby(with_figures, lambda told: told[0].case):
             for i, (row, outcome) in enumerate(of_case):
                 at = "" if row.at is None else place(row)
-                name = case_name if i == 0 else ""
+                name = "" if i and row.at is not None else case_name
                 out += "| " + cells([name, at, *figures_of(row), shown(outcome)]) + " |\n"
     if others:
         out += "\nTests without figures of their own:\n\n| test | |\n|---|---|\n"
-        for case, outcome in others:
-            name = case.title + (f" ({case.reason})" if case.reason else "")
+        alike = Counter((case.title, case.reason, outcome) for case, outcome in others)
+        for (title, reason, outcome), count in alike.items():
+            name = title + (f", {count} times" if count > 1 else "")
+            name += f" ({reason})" if reason else ""
             out += "| " + cells([name, shown(outcome)]) + " |\n"
     return out
 
@@ -220,4 +225,4 @@ def cells(values: Iterable[object]) -> str:
 def anchor(name: str) -> str:
     """As GitHub makes them of headings."""
     kept = "".join(c for c in name.lower() if c.isalnum() or c in " -")
-    return kept.replace(" ", "-")
+    return kept.strip().replace(" ", "-")

@@ -53,7 +53,9 @@ class Recorder:
             case.reason = str(call.excinfo.value) if call.excinfo else ""
         elif report.failed or known is not None:
             case.outcome = "fail"
-            case.reason = known or first_line(call)
+            callspec = getattr(item, "callspec", None)
+            of = f"[{callspec.id}] " if callspec and known is None else ""
+            case.reason = known or of + first_line(call)
         if report.when == "call":
             case.rows = getattr(item, "validation_rows", [])
             if known is None and any(row.passed is False for row in case.rows):
@@ -71,13 +73,11 @@ def section_of(marker: pytest.Mark) -> str:
 
 
 def title_of(item: pytest.Item) -> str:
-    """The first line of the test's docstring, else its name in words; and its parameters."""
+    """The test's name in words, and the first line of its docstring."""
     function = getattr(item, "function", None)
     words = (getattr(function, "__doc__", None) or "").strip().split("\n")[0].rstrip(".")
     name = getattr(item, "originalname", item.name).removeprefix("test_").replace("_", " ")
-    callspec = getattr(item, "callspec", None)
-    of = f" [{callspec.id}]" if callspec else ""
-    return f"{name[0].upper()}{name[1:]}{of}" + (f": {words}" if words else "")
+    return f"{name[0].upper()}{name[1:]}" + (f": {words}" if words else "")
 
 
 def first_line(call: pytest.CallInfo[None]) -> str:

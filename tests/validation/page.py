@@ -36,7 +36,7 @@ SOURCES = {
 
 
 def write_report(folder: Path, cases: Sequence[Case], seconds: float) -> None:
-    """README.md and *.svg in `folder`. seconds : of processor time that the tests took"""
+    """README.md and *.png in `folder`. seconds : of processor time that the tests took"""
     from validation.plots import draw_plots  # with matplotlib, which the tests do without
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -12,14 +12,13 @@ import matplotlib
 from validation.measured import CONVERGENCE, COVERAGE, COVERED_WITHIN, Measured
 from validation.rows import CIE_171, Row
 
-matplotlib.use("svg")
+matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
 if TYPE_CHECKING:
     from validation.recorder import Case
 
-# Text stays text, and the same figures make the same file.
-matplotlib.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "isolux", "font.size": 9})
+matplotlib.rcParams.update({"font.size": 9})
 BY_REFLECTANCE = "reflectance"
 
 
@@ -36,22 +35,22 @@ def draw_plots(
     by_reflectance = {name: rows for name, rows in curves.items() if name not in along}
     figures: dict[str, list[tuple[str, str]]] = {}
     if along:
-        _draw_curves(folder / "cie_171_curves.svg", along)
+        _draw_curves(folder / "cie_171_curves.png", along)
         caption = "Expected (line) and got (dots) along the lines of CIE 171"
-        figures.setdefault(CIE_171, []).append(("cie_171_curves.svg", caption))
+        figures.setdefault(CIE_171, []).append(("cie_171_curves.png", caption))
     if by_reflectance:
-        _draw_errors(folder / "cie_171_5_8.svg", by_reflectance)
+        _draw_errors(folder / "cie_171_5_8.png", by_reflectance)
         caption = "Error of the mean indirect illuminance of case 5.8 by reflectance"
-        figures.setdefault(CIE_171, []).append(("cie_171_5_8.svg", caption))
+        figures.setdefault(CIE_171, []).append(("cie_171_5_8.png", caption))
     for table in tables:
         if table.section == COVERAGE and table.has("case", "component", "quantity", "covered"):
-            _draw_coverage(folder / f"{table.name}.svg", table)
+            _draw_coverage(folder / f"{table.name}.png", table)
             caption = "Share of vertices within the reported 95 % interval, by photons"
-            figures.setdefault(COVERAGE, []).append((f"{table.name}.svg", caption))
+            figures.setdefault(COVERAGE, []).append((f"{table.name}.png", caption))
         if table.section == CONVERGENCE and table.has("scene", "method", "photons", "rms", "bias"):
-            _draw_convergence(folder / f"{table.name}.svg", table)
+            _draw_convergence(folder / f"{table.name}.png", table)
             caption = "RMS error (solid) and bias (dashed) by photons"
-            figures.setdefault(CONVERGENCE, []).append((f"{table.name}.svg", caption))
+            figures.setdefault(CONVERGENCE, []).append((f"{table.name}.png", caption))
     return figures
 
 
@@ -121,22 +120,25 @@ def _draw_curves(path: Path, curves: dict[str, list[Row]]) -> None:
 
 
 def _draw_errors(path: Path, curves: dict[str, list[Row]]) -> None:
-    figure, axis = plt.subplots(figsize=(7, 3))
+    figure, axis = plt.subplots(figsize=(9, 3))
     for name, rows in curves.items():
         rows = sorted(rows, key=lambda row: row.at)
         axis.plot(
-            [row.at for row in rows], [100 * row.relative_error for row in rows], ".-", label=name
+            [row.at for row in rows],
+            [100 * row.relative_error for row in rows],
+            ".-",
+            label=name.rpartition("light, ")[2],
         )
     axis.axhline(2, color="0.7", ls="--")
     axis.axhline(-2, color="0.7", ls="--")
     axis.axhline(0, color="0.7", lw=0.5)
     axis.set_xlabel("reflectance")
     axis.set_ylabel("error, % (dashed: 2 %)")
-    axis.legend(fontsize=7)
+    axis.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
     _save(figure, path)
 
 
 def _save(figure: Any, path: Path) -> None:
     figure.tight_layout()
-    figure.savefig(path, metadata={"Date": None})
+    figure.savefig(path, dpi=80)
     plt.close(figure)

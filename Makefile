@@ -19,13 +19,15 @@ CORE_TESTS := $(addprefix tests/test_,authored_mesh.py candela_distribution.py c
 	illumination_mesh.py infinite_lights.py light_linking.py mesh_lights.py mesh_refinement.py \
 	photon_tracer.py poisson_interval.py progressive_radiosity.py ray_caster.py shared_trees.py \
 	sparse_gather.py subdivision.py subdivision_reader.py tone_mapping.py triangulation.py) \
-	$(addprefix tests/physics/test_,opacity.py subdivided_room.py)
+	$(addprefix tests/physics/test_,infinite_light.py light_links.py mesh_light.py opacity.py \
+	reproducible_bits.py subdivided_room.py) \
+	$(addprefix tests/properties/test_any_,count.py geometry.py photometry.py)
 FUZZ_SECONDS := 60
 
 VALIDATION := tests/validation
 
-.PHONY: help setup build demo test validate sanitize sanitize-address sanitize-thread fuzz lint format bench wheel \
-	clean
+.PHONY: help setup build demo test validate sanitize sanitize-address sanitize-thread fuzz mutations \
+	lint format bench bench-peers wheel clean
 
 help:
 	@echo "make demo    bake the office and show its progressive pictures"
@@ -33,6 +35,7 @@ help:
 	@echo "make validate  $(VALIDATION)/README.md: every case, expected, got, error, tolerance, pass"
 	@echo "make sanitize  the tests of the core under ASan + UBSan and under TSan"
 	@echo "make fuzz    odd photometric files and stages, FUZZ_SECONDS=60 of each"
+	@echo "make mutations  break the physics in one place after the other: a test has to notice"
 	@echo "make lint    formatters, linters and types"
 	@echo "make format  let the formatters rewrite the sources"
 	@echo "make bench   speed against error, ratios to the bare ray tracer"
@@ -95,6 +98,9 @@ fuzz: build
 	$(PIP) --no-build-isolation -e ".[test,fuzz]"
 	$(BIN)/python -m tools.fuzz.fuzz photometry --seconds $(FUZZ_SECONDS)
 	$(BIN)/python -m tools.fuzz.fuzz stage --seconds $(FUZZ_SECONDS)
+
+mutations: build
+	$(BIN)/python tools/mutations.py
 
 lint: build
 	$(BIN)/ruff format --check

@@ -157,7 +157,7 @@ def test_radiosity_and_gather_agree_with_photons_behind_a_screen(room):
     traced, _ = room
     scene = traced.scene
     truth = means(traced, traced.illuminance[:, 1])
-    radiosity = _core.ProgressiveRadiosity(scene, 1, 0.02)
+    radiosity = _core.ProgressiveRadiosity(scene, 1, 0.05)
     positions, normals = radiosity.receivers()
     lighting = _core.DirectLighting(scene, 1, 0.01)
     radiosity.begin(lighting.illuminate(positions, normals, NONE, 2)["illuminance"])

@@ -2,7 +2,8 @@
 
     python tools/bench_peers.py STAGE... [--peers P,P] [--threads N] [--seconds S] [--cpu-time]
         [--csv FILE] [--figure FILE] [--cache FOLDER]
-    python tools/bench_peers.py STAGE... --agreement FILE
+    python tools/bench_peers.py STAGE... --agreement FILE [--peers P,P] [--cache FOLDER]
+    python tools/bench_peers.py --from CSV [--figure FILE]
 
 Compared is the total illuminance at all illumination vertices: relative RMS error of luminance,
 weighted by area, against a path-traced reference at 1000 of them. Each peer runs at rising
@@ -21,12 +22,14 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from typing import get_type_hints
 
 import numpy as np
-from bench_report import commit, cpu_name
+from bench_report import commit, cpu_name, print_table
 from convergence import error_curve
 from peers.agreement import QUANTITY, agreement
 from peers.export import export_scene, lit_vertices
+from peers.figure import Place, plot_errors, time_to
 from peers.peer_process import NAMES, QUALITIES, PeerProcess, Seconds
 from peers.peer_scene import PeerScene
 from reference import TOTAL, PathTracedReference, path_traced_reference
@@ -41,7 +44,12 @@ OURS = "isolux"
 GOALS = (0.05, 0.02)
 ENOUGH = 0.015  # below the last goal; no higher quality is tried
 # For the agreement: work at 1000 points, in seconds of one core at most about 150.
-AGREEMENT_QUALITIES = {"mitsuba": 4096}
+AGREEMENT_QUALITIES = {
+    "mitsuba": 4096,
+    "cycles": 4096,
+    "radiance": 1024,
+    "radiance-cached": 4096,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,9 +222,65 @@ def write_agreement(path: Path, subjects: Sequence[Subject], peers: Sequence[str
         table.writerows(rows.values())
 
 
+def places(points: Sequence[Point], scene: str, program: str) -> list[Place]:
+    """Seconds of building and solving, and errors; of ours, the least until then."""
+    of = [point for point in points if (point.scene, point.program) == (scene, program)]
+    return [
+        Place(point.build_seconds + point.solve_seconds, point.rms_error)
+        for point in of
+        if point.rms_error > 0
+    ]
+
+
+def print_times(points: Sequence[Point]) -> None:
+    """Times to the goals, and how many times sooner ours are there than the fastest peer."""
+    rows = []
+    for scene in dict.fromkeys(point.scene for point in points):
+        programs = dict.fromkeys(point.program for point in points if point.scene == scene)
+        for goal in GOALS:
+            times = {
+                program: time_to(goal, places(points, scene, program), program)
+                for program in programs
+            }
+            ours = times.pop(OURS, None)
+            known = [reached for reached in times.values() if reached is not None]
+            ratio = "–"
+            if ours is not None and known:
+                fastest = min(known, key=lambda reached: reached.seconds)
+                mark = "~" if fastest.extrapolated or ours.extrapolated else ""
+                ratio = f"{mark}{fastest.seconds / ours.seconds:.0f}"
+            cells = [str(times[p]) if times.get(p) else "–" for p in NAMES]
+            rows.append([scene, f"{goal:.0%}", str(ours) if ours else "–", *cells, ratio])
+    columns = ["scene", "to", "isolux, s", *NAMES.values(), "fastest peer / isolux"]
+    print_table("Seconds of building and solving to an RMS error", columns, rows)
+    print("\n~: past the longest run, by error ∝ seconds^-1/2; –: not reached, or not run")
+
+
+def plot_points(path: Path, points: Sequence[Point], provenance: dict[str, object]) -> None:
+    scenes = dict.fromkeys(point.scene for point in points)
+    curves: dict[str, dict[str, Sequence[Place]]] = {}
+    titles = {}
+    for scene in scenes:
+        of = [point for point in points if point.scene == scene]
+        titles[scene] = f"{scene}, {of[0].triangles:,} triangles"
+        programs = dict.fromkeys(point.program for point in of)
+        curves[scene] = {program: places(points, scene, program) for program in programs}
+    subtitle = "{machine}, {threads} threads, {clock} seconds, commit {commit}".format(**provenance)
+    plot_errors(path, curves, {OURS: "Isolux", **NAMES}, titles, subtitle)
+
+
+def read_points(path: Path) -> tuple[list[Point], dict[str, object]]:
+    """What `write_points` wrote."""
+    kinds = get_type_hints(Point)
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    points = [Point(**{name: kind(row[name]) for name, kind in kinds.items()}) for row in rows]
+    return points, {name: value for name, value in rows[0].items() if name not in kinds}
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("stages", type=Path, nargs="+")
+    parser.add_argument("stages", type=Path, nargs="*")
     parser.add_argument("--peers", default=",".join(QUALITIES), help="comma-separated")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=30.0, help="of solving, each run at most")
@@ -228,7 +292,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--figure", type=Path, default=folder / "peers.png")
     parser.add_argument("--cache", type=Path, default=folder, help="folder of references")
     parser.add_argument("--agreement", type=Path, help="CSV; asks for agreement instead of times")
+    parser.add_argument("--from", type=Path, dest="known", help="CSV of an earlier run")
     options = parser.parse_args(arguments)
+    if options.known:
+        points, known = read_points(options.known)
+        print_times(points)
+        plot_points(options.figure, points, known)
+        return
     peers = options.peers.split(",") if options.peers else []
     if unknown := set(peers) - set(QUALITIES):
         parser.error(f"no peer {', '.join(unknown)}; there are {', '.join(QUALITIES)}")
@@ -238,7 +308,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         return
     settings = SolverSettings(threads=options.threads, seed=options.seed)
     settings = settings.with_budget(time_budget=options.time_budget)
-    points: list[Point] = []
+    points = []
+    provenance: dict[str, object] = {
+        "commit": commit(),
+        "machine": cpu_name(),
+        "threads": options.threads,
+        "clock": "processor" if options.cpu_time else "wall",
+    }
     for path in options.stages:
         subject = read_subject(path, options.cache)
         points += measure_ours(subject, settings, options.cpu_time)
@@ -247,13 +323,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             points += measure_peer(
                 subject, peer, options.threads, options.seconds, options.seed, options.cpu_time
             )
-        provenance = {
-            "commit": commit(),
-            "machine": cpu_name(),
-            "threads": options.threads,
-            "clock": "processor" if options.cpu_time else "wall",
-        }
-        write_points(options.csv, points, provenance)
+        write_points(options.csv, points, provenance)  # after each stage: it takes long
+    print_times(points)
+    plot_points(options.figure, points, provenance)
+    print(f"\n{options.csv}\n{options.figure}")
 
 
 def write_points(path: Path, points: Sequence[Point], provenance: dict[str, object]) -> None:

@@ -17,9 +17,15 @@ from .peer_scene import Array, PeerScene
 # Qualities that differ by about four in time; what they count is said in each peer's module.
 QUALITIES: dict[str, tuple[int, ...]] = {
     "mitsuba": (4, 16, 64, 256, 1024, 4096),
+    "cycles": (4, 16, 64, 256, 1024, 4096),
+    "radiance": (4, 16, 64, 256, 1024, 4096),
+    "radiance-cached": (64, 256, 1024, 4096),
 }
 NAMES = {
     "mitsuba": "Mitsuba 3",
+    "cycles": "Cycles",
+    "radiance": "Radiance, no cache",
+    "radiance-cached": "Radiance, ambient cache",
 }
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
+import os
 import resource
 import sys
 import time
@@ -21,6 +22,11 @@ from .peer_scene import PeerScene
 # Module and class, and the mode in which it is run.
 PEERS = {
     "mitsuba": ("mitsuba_peer", "MitsubaPeer", ""),
+    "cycles": ("cycles_peer", "CyclesPeer", ""),
+    "cycles-adaptive": ("cycles_peer", "CyclesPeer", "adaptive"),
+    "cycles-guided": ("cycles_peer", "CyclesPeer", "guided"),
+    "radiance": ("radiance_peer", "RadiancePeer", ""),
+    "radiance-cached": ("radiance_peer", "RadiancePeer", "cached"),
 }
 
 
@@ -38,8 +44,8 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
-    answers = sys.stdout
-    sys.stdout = sys.stderr  # some peers talk
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # some peers talk
     module, name, mode = PEERS[options.peer]
     peer_type = getattr(importlib.import_module(f".{module}", __package__), name)
     scene = PeerScene.load(options.scene)

@@ -1,0 +1,1 @@
+"""A flat of several rooms; see README.md."""

@@ -39,6 +39,7 @@ help:
 	@echo "make lint    formatters, linters and types"
 	@echo "make format  let the formatters rewrite the sources"
 	@echo "make bench   speed against error, ratios to the bare ray tracer"
+	@echo "make bench-peers  the same beside Mitsuba, Cycles and Radiance, two threads each"
 	@echo "make wheel   a wheel in dist/"
 	@echo "make clean   remove what these made"
 
@@ -123,6 +124,22 @@ bench: build
 	$(BIN)/python tools/method_curves.py build/bench/cornell_box.usdc build/bench/office.usdc \
 		build/bench/hall.usdc --methods composite,dept,ddl+idept --seeds 2 --time-budget 20 \
 		--cpu-time --figure tools/speed_against_error.png
+
+# Mitsuba compiles its kernels with LLVM; bpy brings NumPy 1. Stages of your own come along as
+# PEER_STAGES="shot.usd other.usd".
+PEER_SCENES := $(addprefix build/bench/,cornell_box.usdc office.usdc hall.usdc flat.usdc)
+PEER_THREADS := 2
+
+bench-peers: build
+	@dpkg -s libllvm19 >/dev/null 2>&1 || $(SUDO) apt-get install -y -q libllvm19
+	$(PIP) --no-build-isolation -e ".[bench,peers]"
+	@mkdir -p build/bench
+	$(BIN)/python -m usd_scenes.cornell_box.generate build/bench/cornell_box.usdc
+	$(BIN)/python -m usd_scenes.office.generate build/bench/office.usdc
+	$(BIN)/python -m usd_scenes.hall.generate build/bench/hall.usdc --luminaires 600
+	$(BIN)/python -m usd_scenes.flat.generate build/bench/flat.usdc
+	$(BIN)/python tools/bench_peers.py $(PEER_SCENES) $(PEER_STAGES) --threads $(PEER_THREADS) \
+		--figure tools/speed_against_peers.png
 
 wheel: build
 	$(PIP) build

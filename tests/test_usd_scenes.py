@@ -13,6 +13,7 @@ from usd_scenes.box_room.generate import expected_illuminance as box_illuminance
 from usd_scenes.box_room.generate import generate as generate_box_room
 from usd_scenes.cornell_box.generate import LUMINOUS_FLUX as CORNELL_FLUX
 from usd_scenes.cornell_box.generate import generate as generate_cornell_box
+from usd_scenes.flat.generate import generate as generate_flat
 from usd_scenes.furnace_sphere.generate import expected_illuminance as sphere_illuminance
 from usd_scenes.furnace_sphere.generate import generate as generate_furnace_sphere
 from usd_scenes.furnace_sphere.generate import icosphere
@@ -25,6 +26,9 @@ from usd_scenes.spot_room.generate import generate as generate_spot_room
 from usd_scenes.study.generate import COARSE_STEP, STEP
 from usd_scenes.study.generate import generate as generate_study
 
+from isolux import _core
+from isolux.core_scene import build_core_scene
+from isolux.settings import SolverSettings
 from isolux.stage_reader import read_stage
 
 GENERATORS = {
@@ -34,6 +38,7 @@ GENERATORS = {
     "spot_room": generate_spot_room,
     "cornell_box": generate_cornell_box,
     "hall": lambda path: generate_hall(path, luminaires=33, density=0.5),
+    "flat": lambda path: generate_flat(path, density=0.5),
     "study": generate_study,
     "hills": lambda path: generate_hills(path, faces=1000, meshes=4, normals=True),
     "auditorium": lambda path: generate_auditorium(path, rows=2),
@@ -123,6 +128,7 @@ def test_solids_are_closed_and_face_outwards(stages: dict[str, Usd.Stage], name:
         # The closed rooms are seen from inside.
         inside_out = name in ("furnace_sphere", "box_room")
         inside_out |= name in ("hall", "hills", *AUDITORIA) and mesh.GetPrim().GetName() == "Shell"
+        inside_out |= str(mesh.GetPath()) == "/World/Rooms/Envelope"
         assert (volume < 0) == inside_out, f"{mesh.GetPath()}: {volume} m^3"
 
 
@@ -196,6 +202,22 @@ def test_the_cornell_box_is_read_whole(stages: dict[str, Usd.Stage]) -> None:
     assert triangles == pytest.approx(30_000, rel=0.05)
     [light] = scene.luminaires
     assert light.luminous_flux == pytest.approx(CORNELL_FLUX, rel=1e-3)
+
+
+def test_the_flat_is_read_whole_and_as_large_as_the_papers(tmp_path: Path) -> None:
+    generate_flat(tmp_path / "flat.usdc")
+    scene = read_stage(tmp_path / "flat.usdc")
+    assert scene.findings == ()
+    triangles = sum((mesh.face_vertex_counts - 2).sum() for mesh in scene.meshes)
+    assert triangles == pytest.approx(130_000, rel=0.05)
+    assert len(scene.luminaires) == 10
+    # Two rooms have neither lamp nor window: a point in each sees no luminaire.
+    core = build_core_scene(scene, SolverSettings(), -1)
+    dark = np.array([[9.0, 1.2, 1.0], [5.3, 1.2, 8.8]])
+    lighting = _core.DirectLighting(core, 1, 0.01)
+    up = np.tile(np.array([0, 1, 0], np.float32), (2, 1))
+    found = lighting.illuminate(dark, up, np.zeros(2, np.float32), -1)
+    assert found["illuminance"].max() == 0
 
 
 def test_the_study_is_the_same_room_in_few_polygons_or_many(tmp_path: Path) -> None:

@@ -70,8 +70,8 @@ def generate(path: str | Path, density: float = 1.0) -> None:
     stage = stage_writing.new_stage(path, metres_per_unit=1.0, up_axis="Y")
     stage_writing.add_materials(stage, REFLECTANCES)
     step = STEP / density
-    shell = box((WIDTH, HEIGHT, DEPTH), step).flipped().moved(WIDTH / 2, HEIGHT / 2, DEPTH / 2)
-    add_model(stage, "/World/Rooms", [Part("Shell", shell, "Walls", creased=False)])
+    envelope = box((WIDTH, HEIGHT, DEPTH), step).flipped().moved(WIDTH / 2, HEIGHT / 2, DEPTH / 2)
+    add_model(stage, "/World/Rooms", [Part("Envelope", envelope, "Walls", creased=False)])
     add_model(stage, "/World/Partitions", _partitions(step))
     add_model(stage, "/World/Doors", _doors(step))
     _add_furniture(stage, FURNITURE_STEP / density)
@@ -89,7 +89,7 @@ def generate(path: str | Path, density: float = 1.0) -> None:
 
 
 def _partitions(step: float) -> list[Part]:
-    """Walls between the rooms: solids with doorways, a little into shell and neighbours."""
+    """Walls between the rooms: solids with doorways, a little into envelope and neighbours."""
     parts = []
     for number, (z, doors) in enumerate(CORRIDOR_WALLS.items()):
         wall = _wall(-INTO, WIDTH + INTO, doors, step).moved(z=z)

@@ -19,7 +19,6 @@ def export_scene(scene: SceneDescription, core: _core.Scene) -> PeerScene:
 
     They come in the order of `lit_vertices`.
     """
-    refuse_what_peers_lack(scene)
     corners, reflectance, double_sided = [], [], []
     for mesh in scene.meshes:
         triangles, faces = mesh_triangles(mesh)

@@ -116,15 +116,15 @@ void SupportSelection::judge(const Support& taken, double to_luminance, Growth& 
     growth.stopped = smooth || dark;
 }
 
-EachHalf<SupportSelection::Growth> SupportSelection::grow(std::uint32_t rank,
-                                                          std::array<bool, 2> wanted, Reach reach) {
+EachHalf<SupportSelection::Growth>
+SupportSelection::grow(std::uint32_t rank, const EachHalf<bool>& wanted, Reach reach) {
     const double to_luminance = reflectance_[rank] / std::numbers::pi;
     EachHalf<Growth> growths;
     std::size_t growing = 0;
     for (const std::size_t path : {0U, 1U}) {
-        for (Growth& growth : growths[path]) {
-            growth.stopped = !wanted[path];
-            growing += wanted[path];
+        for (const std::size_t half : {0U, 1U}) {
+            growths[path][half].stopped = !wanted[path][half];
+            growing += wanted[path][half];
         }
     }
     const auto cells = tree_.cells();
@@ -191,16 +191,16 @@ EachHalf<SupportSelection::Growth> SupportSelection::grow(std::uint32_t rank,
     return growths;
 }
 
-EachHalf<Support> SupportSelection::select(std::uint32_t rank, std::array<bool, 2> wanted) {
+EachHalf<Support> SupportSelection::select(std::uint32_t rank, const EachHalf<bool>& wanted) {
     EachHalf<Growth> growths = grow(rank, wanted, Reach::connected);
-    std::array<bool, 2> few{};
-    for (const std::size_t path : {0U, 1U}) {
-        few[path] = std::ranges::any_of(growths[path], [](const Growth& growth) {
-            return !growth.stopped && growth.judged.hit_count < kFewPhotons;
-        });
+    bool few = false;
+    for (const auto& path : growths) {
+        few = few || std::ranges::any_of(path, [](const Growth& growth) {
+                  return !growth.stopped && growth.judged.hit_count < kFewPhotons;
+              });
     }
-    if (few[0] || few[1]) {
-        // Both light paths, so that the accepted cells are those of all supports.
+    if (few) {
+        // All wanted, so that the accepted cells are those of all supports.
         growths = grow(rank, wanted, Reach::all);
     }
     EachHalf<Support> supports;

@@ -54,8 +54,8 @@ class SupportSelection {
         scale_ = 1.0F / std::max(radius * radius, std::numeric_limits<float>::min());
     }
 
-    // wanted: which light paths; supports of the others stay empty.
-    EachHalf<Support> select(std::uint32_t rank, std::array<bool, 2> wanted);
+    // wanted: which supports; the others stay empty.
+    EachHalf<Support> select(std::uint32_t rank, const EachHalf<bool>& wanted);
     // Cells of the largest support of the last selection, nearest first; the others are made of the
     // first of them.
     std::span<const SupportCell> accepted() const { return accepted_; }
@@ -80,7 +80,7 @@ class SupportSelection {
     // The squared distance doubles every fourth shell: the float's exponent and two bits.
     static constexpr std::size_t kShells = 520;
 
-    EachHalf<Growth> grow(std::uint32_t rank, std::array<bool, 2> wanted, Reach reach);
+    EachHalf<Growth> grow(std::uint32_t rank, const EachHalf<bool>& wanted, Reach reach);
     void open(const VertexCell& cell);
     void consider(const VertexCell& cell);
     void consider_vertex(std::uint32_t rank, bool connected);

@@ -13,7 +13,7 @@ namespace isolux {
 namespace {
 
 // A thread filters at least so many vertices at a time, where one surface has as many.
-constexpr std::uint32_t kBlock = 1024;
+constexpr std::uint32_t kBlock = 4096;
 // A cell is tried where it is at most so much wider than the supports nearby let values be shared.
 constexpr float kOptimism = 2.0F;
 // Departure: values of fewer photons of a half than these (a deviation above 25 % of both) are

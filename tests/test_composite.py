@@ -26,11 +26,17 @@ class SimulatedRun:
     photons: int = 0
     radiosity_finished: bool = False
     mesh_finished: bool = False
+    direct_passes: int = 0
+    direct_wanted: int = 1
     finishing: dict[str, float] = field(default_factory=dict)
 
     @property
     def indirect_error(self):
         return 100 / math.sqrt(max(1, self.photons))
+
+    @property
+    def direct_holds_back(self):
+        return self.direct_passes < self.direct_wanted
 
     def trace_until(self, goal: StageGoal, component):
         seconds = goal.seconds - self.finishing_seconds(component) - self.elapsed
@@ -59,6 +65,7 @@ def made(method, run):
     for step in steps(method, run):
         if step.component == "DDL":
             run.elapsed += run.first_iteration
+            run.direct_passes += 1
         if step.component == "gather":
             run.elapsed += step.rays * run.seconds_per_gather_ray
         out.append(step)
@@ -101,6 +108,22 @@ def test_the_pilot_takes_its_share_whatever_filtering_takes():
     run = SimulatedRun(settings, first_iteration=3.0, finishing={"DEPT": 0.5})
     photons = [step.photons for step in steps("composite", run) if step.component == "DEPT"]
     assert photons[1] == pytest.approx(0.3 * PHOTONS_A_SECOND, rel=1e-6)
+
+
+def test_direct_light_becomes_finer_between_gathers_as_long_as_it_holds_them_back():
+    run = SimulatedRun(SolverSettings(target_error=0, photons=64_000_000), direct_wanted=3)
+    components = [s.component for s in made("composite", run)]
+    after = components[components.index("DDL") :]
+    assert after == ["DDL", "gather", "DDL", "gather", "DDL", "gather", "gather"]
+
+
+def test_finer_direct_light_takes_no_more_than_half_of_the_time_left():
+    settings = SolverSettings(target_error=0, time_budget=20)
+    run = SimulatedRun(settings, first_iteration=2.5, direct_wanted=9)
+    for step in made("composite", run):
+        last = step
+    assert last.component == "gather"
+    assert run.elapsed == pytest.approx(20, rel=0.1)
 
 
 def test_a_refined_run_shows_each_iteration_of_the_mesh():

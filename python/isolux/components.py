@@ -19,6 +19,10 @@ from .solution import LUMINANCE_WEIGHTS, RefinedMesh
 
 # Error relative to the total illuminance at which shadow rays stop [Volevich 2000, §3.1.1].
 DIRECT_ACCURACY = 0.01
+# The same of a first pass, where finer ones may follow, each finer by the factor. An error
+# of direct light of about 3 % is left where some 5 % of indirect light are reached first.
+FIRST_DIRECT_ACCURACY = 0.04
+FINER_DIRECT = 3.0
 # Error of radiosity at a point, of the mean indirect illuminance, that is aimed at.
 RADIOSITY_ACCURACY = 0.02
 # Receivers a call: how soon a cancelled run stops.
@@ -117,10 +121,16 @@ class DirectLight:
     """Deterministic direct lighting, DDL, at points [Volevich 2000, §3.1.1]."""
 
     def __init__(self, scene: _core.Scene, settings: SolverSettings, threads: int) -> None:
-        self._lighting = _core.DirectLighting(scene, settings.seed, DIRECT_ACCURACY)
         self._threads = threads
         self._scene = scene
+        self._seed = settings.seed
+        self.aim_at(DIRECT_ACCURACY)
         self.shadow_rays = 0
+
+    def aim_at(self, accuracy: float) -> None:
+        """Light as exactly as this from now on, relative to the total illuminance."""
+        self.accuracy = accuracy
+        self._lighting = _core.DirectLighting(self._scene, self._seed, accuracy)
 
     @cached_property
     def _receivers(self) -> tuple[NDArray[np.float64], Array]:
@@ -160,6 +170,24 @@ class DirectLight:
         on_share : called with the share that is done; may raise Cancelled
         """
         return self.at_points(*self._receivers, indirect, on_share, self._meshes)
+
+    def sharpened(
+        self,
+        direct: Array,
+        standard_error: Array,
+        indirect: Array,
+        on_share: Callable[[float], None],
+    ) -> tuple[Array, Array]:
+        """Direct light found before, anew at the vertices that the accuracy now asks more of."""
+        wanted = np.flatnonzero(standard_error > self.accuracy * (photometric(direct) + indirect))
+        positions, normals = self._receivers
+        meshes = None if self._meshes is None else self._meshes[wanted]
+        found = self.at_points(
+            positions[wanted], normals[wanted], indirect[wanted], on_share, meshes
+        )
+        direct, standard_error = direct.copy(), standard_error.copy()
+        direct[wanted], standard_error[wanted] = found
+        return direct, standard_error
 
     def at_points(
         self,

@@ -19,6 +19,8 @@ from .switchover import LEAST_PILOT_SECONDS, pilot_seconds, switchover_photons
 RADIOSITY_POLYGONS = 500
 # Gathered rays for each photon: with as many the error per second is least (tools/gather_study.py).
 GATHER_RAYS_PER_PHOTON = 10
+# How much longer each finer pass over direct light takes; it may take half of what is left.
+FINER_DIRECT_SECONDS = 2
 LEAST_GATHER_RAYS = 1 << 14
 # Rays of the first step of radiosity; they double from step to step.
 FIRST_RADIOSITY_RAYS = 1 << 14
@@ -55,6 +57,10 @@ class Run(Protocol):
 
     def finishing_seconds(self, component: Component) -> float:
         """How long the component will take to turn photons into illuminance, s."""
+
+    @property
+    def direct_holds_back(self) -> bool:
+        """The error of direct light at the vertices counts beside that of the indirect light."""
 
     def first_iteration_seconds(self) -> float:
         """T_i0, s, of direct lighting, estimated."""
@@ -178,6 +184,10 @@ def _gather_steps(run: Run, stages: int) -> Iterator[StagePlan]:
         all_but_reached = goal.photons < 1.25 * run.photons or goal.seconds < 1.25 * run.elapsed
         if all_but_reached and not goal.last:
             continue
+        # A finer pass over direct light, which takes longer than the last, where it is worth it.
+        finer = 2 * FINER_DIRECT_SECONDS * run.finishing_seconds("DDL")
+        if gathered > 0 and run.direct_holds_back and run.elapsed + finer <= goal.seconds:
+            yield StagePlan("DDL", run.photons, shown=False)
         photons, rays = goal.photons, math.inf
         if goal.seconds < math.inf:
             # Both in proportion, as far as the time goes.

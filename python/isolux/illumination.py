@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 
 from .components import Array, FilteredLight, IndirectLight, photometric, root_mean_square
 
+# Error of direct light beside that of the indirect light: with half of it the total is 12 % off
+# what the indirect light alone would give it.
+DIRECT_SHARE = 0.5
+
 
 class Illumination:
     """Direct and indirect illuminance, each replaced by what a step finds; dark at first.
@@ -47,6 +51,11 @@ class Illumination:
     def rms_error_indirect(self) -> float:
         """The same of the indirect light."""
         return self._relative(self._indirect_rms, self.indirect)
+
+    @property
+    def direct_holds_back(self) -> bool:
+        """Most light that more rays of indirect light could gain is lost to the direct light's."""
+        return self._direct_rms > DIRECT_SHARE * self._indirect_rms
 
     def take_photons(self, found: FilteredLight) -> None:
         """Direct and indirect light of filtered photons."""

@@ -18,6 +18,9 @@ from pxr import Usd
 
 from .adaptation import SceneAdaptation
 from .components import (
+    DIRECT_ACCURACY,
+    FINER_DIRECT,
+    FIRST_DIRECT_ACCURACY,
     AdaptiveMesh,
     Array,
     BucketErrors,
@@ -91,6 +94,8 @@ class ProgressiveSolver:
         self._areas: NDArray[np.float64] = self._core_scene.vertex_areas
         self._photons = PhotonTracing(self._core_scene, settings, self._threads)
         self._direct = DirectLight(self._core_scene, settings, self._threads)
+        if self.method == "composite" and self.reflects and settings.output_mode == "vertex":
+            self._direct.aim_at(FIRST_DIRECT_ACCURACY)
         self._light = Illumination(self._areas)
         self._filtered: FilteredLight | None = None
         self._filtered_photons = 0
@@ -201,6 +206,11 @@ class ProgressiveSolver:
         """As measured last; before, as long as a photon takes."""
         return self._gather_ray_seconds or max(self.seconds_per_photon, 1e-9)
 
+    @property
+    def direct_holds_back(self) -> bool:
+        """Finer direct light at the vertices would show in the total error."""
+        return self.settings.output_mode == "vertex" and self._light.direct_holds_back
+
     def trace_until(self, goal: StageGoal, component: Component) -> None:
         """Emit photons until the goal, with time left for the component to use them."""
         chunk = FIRST_CHUNK_PHOTONS
@@ -249,7 +259,7 @@ class ProgressiveSolver:
         self._finishing[step.component] = self._clock() - started
         if step.component == "gather":
             self._gather_ray_seconds = self._finishing.pop("gather") / max(1, step.rays)
-        if step.component == "DDL":
+        if step.component == "DDL" and self._gather is None:
             t1, photons, _ = self._switchover
             self._switchover = (t1 or before, photons or step.photons, self.elapsed)
 
@@ -263,6 +273,9 @@ class ProgressiveSolver:
     def _light_directly(self, step: StagePlan) -> None:
         """DDL: direct light that replaces the photons'."""
         if step.iteration == 0:
+            if self._gather is not None:
+                self._sharpen_direct(self._direct.accuracy / FINER_DIRECT)
+                return
             found = self._direct.at_vertices(
                 photometric(self._light.indirect), lambda share: self._working("DDL")
             )
@@ -277,8 +290,21 @@ class ProgressiveSolver:
         self.mesh_finished = not went_on
         self._refined = self._mesh.mesh()
 
+    def _sharpen_direct(self, accuracy: float) -> None:
+        light = self._light
+        self._direct.aim_at(accuracy)
+        found = self._direct.sharpened(
+            light.direct,
+            light.direct_error,
+            photometric(light.indirect),
+            lambda share: self._working("DDL"),
+        )
+        light.take_direct(*found)
+
     def _begin_refinement(self, threshold: float) -> AdaptiveMesh:
         light = self._light
+        if self._direct.accuracy > DIRECT_ACCURACY:
+            self._sharpen_direct(DIRECT_ACCURACY)
         if self._mesh is None:
             self._mesh = AdaptiveMesh(self._core_scene)
         adaptation = SceneAdaptation(self.scene.meshes, self._layouts)

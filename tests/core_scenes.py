@@ -263,28 +263,35 @@ LAMP_HEIGHT, BLOCKER_HEIGHT = 3.0, 1.5  # m
 def shadowed_floor(photons: int, seed: int = 1) -> Traced:
     """A floor under a lamp of 1000 cosθ cd, with the shadow of a blocker: direct light alone.
 
-    The blocker is black below, so that no light comes by way of the floor.
+    No vertex is on the shadow's border. The blocker is black below, so that no light comes by way of the floor.
     """
     floor = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.1), 0.2)
-    blocker = surface(rectangle((-0.5, -0.5, BLOCKER_HEIGHT), (0.9, 0, 0), (0, 0.7, 0), 0.1))
+    blocker = surface(rectangle((-0.48, -0.48, BLOCKER_HEIGHT), (0.9, 0, 0), (0, 0.7, 0), 0.1))
     gamma = np.radians(np.arange(0.0, 90.5, 0.5))
     diagram = _core.CandelaDistribution(gamma, np.zeros(1), np.cos(gamma)[None])
     lamp = luminaire(1000 * np.pi, (0, 0, LAMP_HEIGHT), size=(1e-5, 0.0))
     return trace([floor, blocker], [lamp], photons, seed=seed, diagram=diagram)
 
 
+def _beside_shadow(points: Array, normals: Array) -> Array:
+    """(n,) lx, I cosθ / d² where the lamp is seen, of points on floor and blocker."""
+    height = LAMP_HEIGHT - points[:, 2]
+    across = points[:, :2] * ((LAMP_HEIGHT - BLOCKER_HEIGHT) / LAMP_HEIGHT)
+    inside = (np.abs(across - [-0.03, -0.13]) < [0.45, 0.35]).all(axis=1)
+    squared = (points[:, :2] ** 2).sum(axis=1) + height**2
+    return np.where(inside & (points[:, 2] == 0), 0.0, 1000 * height**2 / squared**2)
+
+
 def shadowed_floor_illuminance(traced: Traced) -> Array:
-    """(V,) lx, mean over each bucket of I cosθ / d² where the lamp is seen."""
-
-    def illuminance(points: Array, normals: Array) -> Array:
-        height = LAMP_HEIGHT - points[:, 2]
-        across = points[:, :2] * ((LAMP_HEIGHT - BLOCKER_HEIGHT) / LAMP_HEIGHT)
-        inside = (np.abs(across - [-0.05, -0.15]) < [0.45, 0.35]).all(axis=1)
-        squared = (points[:, :2] ** 2).sum(axis=1) + height**2
-        return np.where(inside & (points[:, 2] == 0), 0.0, 1000 * height**2 / squared**2)
-
-    flux = [bucket_flux(traced, illuminance, mesh, divisions=24) for mesh in (0, 1)]
+    """(V,) lx, mean over each bucket."""
+    flux = [bucket_flux(traced, _beside_shadow, mesh, divisions=24) for mesh in (0, 1)]
     return np.concatenate(flux) / traced.areas
+
+
+def shadowed_floor_at_vertices(traced: Traced) -> Array:
+    """(V,) lx, where each vertex samples light."""
+    scene = traced.scene
+    return _beside_shadow(scene.receiver_positions, scene.vertex_normals)
 
 
 def relative_rms(values: Array, truth: Array, areas: Array) -> float:

@@ -239,13 +239,22 @@ Out<float> bucket_illuminance(const PhotonBuckets& buckets, const Scene& scene) 
     return hand_over<float>(std::move(out), {n, 2, 3});
 }
 
-// Total of two independent estimates, relative to their sum.
+// Of the photometric illuminance; 1 where there is none.
+std::vector<float> relative_deviation(const FilteredIllumination& filtered) {
+    std::vector<float> out(filtered.illuminance.size());
+    for (std::size_t v = 0; v < out.size(); ++v) {
+        const float e = luminance(filtered.illuminance[v]);
+        out[v] = e > 0.0F ? filtered.standard_error[v] / e : 1.0F;
+    }
+    return out;
+}
+
+// Of the sum of two independent estimates.
 std::vector<float> total_deviation(const FilteredIllumination& a, const FilteredIllumination& b) {
     std::vector<float> out(a.illuminance.size());
     for (std::size_t v = 0; v < out.size(); ++v) {
-        const float ia = luminance(a.illuminance[v]), ib = luminance(b.illuminance[v]);
-        const float da = ia * a.relative_deviation[v], db = ib * b.relative_deviation[v];
-        out[v] = ia + ib > 0.0F ? std::sqrt(da * da + db * db) / (ia + ib) : 1.0F;
+        const float e = luminance(a.illuminance[v]) + luminance(b.illuminance[v]);
+        out[v] = e > 0.0F ? std::hypot(a.standard_error[v], b.standard_error[v]) / e : 1.0F;
     }
     return out;
 }
@@ -267,8 +276,10 @@ nb::dict filter(const IlluminationFilter& self, const Scene& scene, const Photon
     auto& [direct, indirect] = filtered;
     nb::dict out;
     out["relative_deviation"] = hand_over(total_deviation(direct, indirect));
-    out["direct_relative_deviation"] = hand_over(std::move(direct.relative_deviation));
-    out["indirect_relative_deviation"] = hand_over(std::move(indirect.relative_deviation));
+    out["direct_relative_deviation"] = hand_over(relative_deviation(direct));
+    out["indirect_relative_deviation"] = hand_over(relative_deviation(indirect));
+    out["direct_standard_error"] = hand_over(std::move(direct.standard_error));
+    out["indirect_standard_error"] = hand_over(std::move(indirect.standard_error));
     out["direct"] = hand_over(std::move(direct.illuminance));
     out["indirect"] = hand_over(std::move(indirect.illuminance));
     out["support_radius"] = hand_over(std::move(indirect.support_radius));

@@ -5,6 +5,7 @@
 #include <limits>
 #include <numbers>
 
+#include "core/filter_error.h"
 #include "core/parallel.h"
 #include "core/support_selection.h"
 #include "core/tone_mapping.h"
@@ -105,7 +106,6 @@ double adaptation(const VertexKdTree& tree, std::span<const double> reflectance,
 struct HalfEstimate {
     FilteredIllumination::Half half{};
     Vec3f illuminance;           // lx by channel
-    float variance = 0.0F;       // lx², photometric
     float radius = 0.0F;         // m
     float sharing_radius = 0.0F; // m, of one that is shared all over
 };
@@ -126,7 +126,6 @@ HalfEstimate estimate(const BucketSums& sums, std::size_t path,
     }
     out.half = {static_cast<float>(illuminance), support.area};
     out.illuminance = (colours * (hits > 0.0 ? illuminance / hits : 0.0)).as<float>();
-    out.variance = static_cast<float>(illuminance * to_illuminance);
     out.radius = support.radius;
     out.sharing_radius = support.radius * (support.hit_count < kVagueHits ? kVagueSharing : 1.0F);
     return out;
@@ -136,9 +135,6 @@ void assign(const std::array<HalfEstimate, 2>& halves, std::size_t vertex,
             FilteredIllumination& out) {
     out.halves[vertex] = {halves[0].half, halves[1].half};
     out.illuminance[vertex] = (halves[0].illuminance + halves[1].illuminance) * 0.5F;
-    const float sum = halves[0].half.illuminance + halves[1].half.illuminance;
-    out.relative_deviation[vertex] =
-        sum > 0.0F ? std::sqrt(halves[0].variance + halves[1].variance) / sum : 1.0F;
     out.support_radius[vertex] = std::max(halves[0].radius, halves[1].radius);
 }
 
@@ -294,14 +290,20 @@ std::array<FilteredIllumination, 2> IlluminationFilter::filter(const PhotonBucke
 
     std::array<FilteredIllumination, 2> out;
     for (auto& filtered : out) {
-        filtered = {std::vector<FilteredIllumination::Halves>(n), std::vector<Vec3f>(n),
-                    std::vector<float>(n), std::vector<float>(n)};
+        filtered = {std::vector<FilteredIllumination::Halves>(n),
+                    std::vector<Vec3f>(n),
+                    {},
+                    std::vector<float>(n)};
     }
     parallel_for(threads, blocks_.size(), [&](std::size_t block) {
         BlockFilter(tree_, tree_.cells()[blocks_[block]], reflectance_, sums, criteria,
                     settings.sharing)
             .filter(out);
     });
+    for (const LightPath path : kLightPaths) {
+        FilteredIllumination& filtered = out[static_cast<std::size_t>(path)];
+        filtered.standard_error = filter_error(mesh_, tree_, buckets, path, photon_flux, filtered);
+    }
     return out;
 }
 

@@ -31,9 +31,9 @@ struct FilteredIllumination {
     };
     using Halves = std::array<Half, 2>;
     std::vector<Halves> halves;
-    std::vector<Vec3f> illuminance;        // lx by channel; luminance: the mean of the halves
-    std::vector<float> relative_deviation; // of the photometric illuminance; 1 where no photon is
-    std::vector<float> support_radius;     // m; 0 where the own bucket suffices
+    std::vector<Vec3f> illuminance;    // lx by channel; luminance: the mean of the halves
+    std::vector<float> standard_error; // lx, photometric, bias included: see filter_error
+    std::vector<float> support_radius; // m; 0 where the own bucket suffices
 };
 
 class IlluminationFilter {

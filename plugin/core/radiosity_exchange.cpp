@@ -207,7 +207,10 @@ class Exchange {
         if (parent >= 0) {
             const double own = luminance(light.mean);
             const double share = own > 0.0 ? luminance(seen.light) / own : 0.0;
-            out.coarser += (exitance_[parent].mean - light.mean) * (f * share);
+            const Vec3d more = (exitance_[parent].mean - light.mean) * (f * share);
+            out.coarser += more;
+            // Of a leaf that is near, what the point sees most isn't its mean.
+            out.variance += luminance(more) * luminance(more);
         }
     }
 

@@ -22,7 +22,7 @@ struct Exitance {
 // What a point receives.
 struct PointIlluminance {
     Vec3d illuminance;     // lx by channel
-    double variance = 0.0; // lx², photometric, of the rays
+    double variance = 0.0; // lx², photometric, of the rays and of light within leaves
     Vec3d coarser;         // lx: more, had leaves the mean exitance of their parents
 };
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/filter_error.h"
+
 namespace isolux {
 namespace {
 
@@ -28,29 +30,17 @@ double batch_variance(const std::array<std::uint32_t, kBatches>& a,
     return k / (k - 1.0) * (square - sum * sum / k);
 }
 
-// Unbiased estimates for one component of light in one bucket.
-struct FilteredSquares {
-    double filtered;   // f
-    double with_truth; // of f * I, I the true illuminance
-    double noise;      // of the variance of f
-};
-
-// f is the mean of two halves, each from the photons of one half over a support that the other
-// half chose; so each goes with the bucket's count in its own photons, less its own share in f.
-FilteredSquares filtered_squares(const std::array<FilteredIllumination::Half, 2>& halves,
-                                 const std::array<std::uint64_t, 2>& half_counts, double e,
-                                 double photon_flux) {
-    FilteredSquares out{0.0, 0.0, 0.0};
+// The same of one bucket. f takes from it by the share that it is of the support.
+FilteredSquares bucket_squares(const FilteredIllumination::Halves& halves,
+                               const std::array<std::uint64_t, 2>& half_counts, double e,
+                               double photon_flux) {
+    std::array<double, 2> filtered{}, shares{};
     for (const std::size_t half : {0U, 1U}) {
         const auto& [illuminance, support_area] = halves[half];
-        const double f = static_cast<double>(illuminance);
-        const double own_hits = static_cast<double>(half_counts[1 - half]) * 2.0 * e;
-        const double share = support_area > 0.0 ? 2.0 * photon_flux / support_area : 0.0;
-        out.filtered += 0.5 * f;
-        out.with_truth += 0.5 * own_hits * (f - share);
-        out.noise += 0.25 * f * share;
+        filtered[half] = static_cast<double>(illuminance);
+        shares[half] = support_area > 0.0 ? 2.0 * photon_flux / support_area : 0.0;
     }
-    return out;
+    return filtered_squares(filtered, shares, half_counts, e);
 }
 
 } // namespace
@@ -58,6 +48,11 @@ FilteredSquares filtered_squares(const std::array<FilteredIllumination::Half, 2>
 RmsErrors rms_errors(const IlluminationMesh& mesh, const PhotonBuckets& buckets, double photon_flux,
                      const FilteredIllumination& direct, const FilteredIllumination& indirect) {
     Sums bucket_total, bucket_indirect, batch, filtered_total, filtered_indirect;
+    const std::array both{FilteredLight{LightPath::direct, direct},
+                          FilteredLight{LightPath::indirect, indirect}};
+    const std::vector<double> offset = filtered_offset_square(mesh, buckets, photon_flux, both);
+    const std::vector<double> offset_indirect =
+        filtered_offset_square(mesh, buckets, photon_flux, std::span(both).last(1));
     for (std::size_t v = 0; v < mesh.areas.size(); ++v) {
         const double area = mesh.areas[v];
         if (area == 0.0) {
@@ -86,14 +81,16 @@ RmsErrors rms_errors(const IlluminationMesh& mesh, const PhotonBuckets& buckets,
             0.0);
 
         // (f - I)² = f² - 2 f I + I². Direct and indirect counts are independent.
-        const auto d = filtered_squares(direct.halves[v], direct_halves, e, photon_flux);
-        const auto i = filtered_squares(indirect.halves[v], indirect_halves, e, photon_flux);
+        const auto d = bucket_squares(direct.halves[v], direct_halves, e, photon_flux);
+        const auto i = bucket_squares(indirect.halves[v], indirect_halves, e, photon_flux);
         const double f = d.filtered + i.filtered;
         const double with_truth =
             d.with_truth + i.with_truth + d.filtered * hits_indirect + i.filtered * hits_direct;
-        add(filtered_total, hits, f * f - 2.0 * with_truth + hits * (hits - e), d.noise + i.noise);
+        add(filtered_total, hits, f * f - 2.0 * with_truth + hits * (hits - e) + offset[v],
+            d.noise + i.noise);
         add(filtered_indirect, hits_indirect,
-            i.filtered * i.filtered - 2.0 * i.with_truth + hits_indirect * (hits_indirect - e),
+            i.filtered * i.filtered - 2.0 * i.with_truth + hits_indirect * (hits_indirect - e) +
+                offset_indirect[v],
             i.noise);
     }
     return {bucket_total.relative(), bucket_indirect.relative(), batch.relative(),

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "core/bucket_variation.h"
+#include "core/lookup_error.h"
 #include "core/parallel.h"
 
 namespace isolux {
@@ -315,6 +317,9 @@ void SparseGather::fit(RecordInterpolation& interpolation, int threads) const {
 // the true error of the predictions; returns its mean square, lx².
 double SparseGather::join(const BucketIllumination& buckets, GatheredIllumination& gathered) const {
     const std::vector<double>& areas = scene_.mesh().areas;
+    // A bucket's mean isn't the light at its vertex.
+    const std::vector<double> offset =
+        offset_square(scene_.mesh(), bucket_offset(scene_.mesh(), photometric(gathered.indirect)));
     double area = 0.0, expected = 0.0, square = 0.0, spread = 0.0;
     for (std::size_t v = 0; v < areas.size(); ++v) {
         if (receivers_[v].normal == Vec3f{} || areas[v] == 0.0) {
@@ -350,7 +355,7 @@ double SparseGather::join(const BucketIllumination& buckets, GatheredIlluminatio
             const double p = calibration * static_cast<double>(gathered.standard_error[v]) *
                              static_cast<double>(gathered.standard_error[v]);
             const double e = luminance(gathered.indirect[v].as<double>()) + std::sqrt(p);
-            const double q = e * buckets.photon_flux / areas[v];
+            const double q = e * buckets.photon_flux / areas[v] + offset[v];
             const double share = p > 0.0 ? p / (p + q) : 0.0;
             gathered.indirect[v] +=
                 (buckets.indirect[v] - gathered.indirect[v]) * static_cast<float>(share);
@@ -386,6 +391,8 @@ GatheredIllumination SparseGather::advance(std::span<const Vec3f> illuminance,
     RecordInterpolation fine = interpolation();
     const std::vector<Anchor> anchored = anchors(fine, threads);
     fit(fine, threads);
+    const auto looked_up = static_cast<float>(
+        lookup_error(scene_.mesh(), records_, seen, illuminance, buckets.photon_flux));
     parallel_for(threads, receivers_.size(), [&](std::size_t v) {
         const auto [owner, record] = anchored[v];
         if (owner < 0) {
@@ -396,6 +403,7 @@ GatheredIllumination SparseGather::advance(std::span<const Vec3f> illuminance,
         if (record < 0) { // what an unseen record says may be all wrong
             variance += luminance(light) * luminance(light);
         }
+        variance += looked_up * luminance(light) * luminance(light);
         out.indirect[v] = light;
         out.standard_error[v] = std::sqrt(variance);
     });

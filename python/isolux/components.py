@@ -43,15 +43,17 @@ class FilteredLight:
     """Photons filtered, and how far that is from the truth.
 
     direct, indirect : (V, 3)
-    direct_deviation, indirect_deviation : (V,) relative
+    direct_error, indirect_error : (V,) lx, standard errors, bias included
+    direct_deviation : (V,) that of the direct light, relative
     support_radius : (V,) m, of the indirect light
     rms_error, rms_error_indirect : estimated, relative, bias of the filter included
     """
 
     direct: Array
     indirect: Array
+    direct_error: Array
+    indirect_error: Array
     direct_deviation: Array
-    indirect_deviation: Array
     support_radius: Array
     rms_error: float
     rms_error_indirect: float
@@ -105,8 +107,9 @@ class PhotonTracing:
         light = FilteredLight(
             direct=found["direct"],
             indirect=found["indirect"],
+            direct_error=found["direct_standard_error"],
+            indirect_error=found["indirect_standard_error"],
             direct_deviation=found["direct_relative_deviation"],
-            indirect_deviation=found["indirect_relative_deviation"],
             support_radius=found["support_radius"],
             rms_error=found["rms_error"],
             rms_error_indirect=found["rms_error_indirect"],

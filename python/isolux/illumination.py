@@ -60,14 +60,14 @@ class Illumination:
     def take_photons(self, found: FilteredLight) -> None:
         """Direct and indirect light of filtered photons."""
         self.direct = found.direct
-        self.direct_error = found.direct_deviation * photometric(found.direct)
+        self.direct_error = found.direct_error
         self.take_indirect_photons(found)
         self._photons_rms = found.rms_error * self._mean(self.total)
 
     def take_indirect_photons(self, found: FilteredLight) -> None:
         """Indirect light of filtered photons."""
         self.indirect = found.indirect
-        self.indirect_error = found.indirect_deviation * photometric(found.indirect)
+        self.indirect_error = found.indirect_error
         self.support_radius = found.support_radius
         self._indirect_rms = found.rms_error_indirect * self._mean(found.indirect)
 

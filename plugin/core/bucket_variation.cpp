@@ -1,0 +1,97 @@
+#include "core/bucket_variation.h"
+
+#include <array>
+
+namespace isolux {
+namespace {
+
+// Calls each(vertices, m²) for the sides of all elements, with a third of their area.
+template <typename Each> void for_each_side(const IlluminationMesh& mesh, const Each& each) {
+    for (const MeshElement& element : mesh.elements) {
+        const double third = mesh.area(element) / 3.0;
+        const std::int32_t back = mesh.surface(element).back_offset;
+        each(element.vertices, third);
+        if (back >= 0) {
+            const auto& [a, b, c] = element.vertices;
+            each(std::array{a + back, b + back, c + back}, third);
+        }
+    }
+}
+
+void divide(std::vector<double>& sums, const std::vector<double>& areas) {
+    for (std::size_t v = 0; v < sums.size(); ++v) {
+        sums[v] = areas[v] > 0.0 ? sums[v] / areas[v] : 0.0;
+    }
+}
+
+// What the means over buckets exceed the values at their vertices by. Of the third of an element
+// that lies nearest to a corner in barycentric terms, the mean of that corner's coordinate is
+// 11/18, of each other one 7/36.
+std::vector<double> offset(const IlluminationMesh& mesh, std::span<const double> at_vertices) {
+    std::vector<double> out(at_vertices.size());
+    for_each_side(mesh, [&](const std::array<std::int32_t, 3>& vertices, double third) {
+        const auto& [a, b, c] = vertices;
+        const double all = at_vertices[a] + at_vertices[b] + at_vertices[c];
+        for (const std::int32_t v : vertices) {
+            out[v] += third * 7.0 / 36.0 * (all - 3.0 * at_vertices[v]);
+        }
+    });
+    divide(out, mesh.areas);
+    return out;
+}
+
+} // namespace
+
+std::vector<double> bucket_offset(const IlluminationMesh& mesh, std::span<const double> means) {
+    std::vector<double> at_vertices = offset(mesh, means);
+    for (std::size_t v = 0; v < means.size(); ++v) {
+        at_vertices[v] = means[v] - at_vertices[v];
+    }
+    // Once more, of what the vertices then have: means are flatter than the light itself.
+    return offset(mesh, at_vertices);
+}
+
+std::vector<double> offset_square(const IlluminationMesh& mesh, std::span<const double> offsets) {
+    // As much again for what bends between vertices; where none of it shows at one, it does around.
+    std::vector<double> out(offsets.size());
+    for_each_side(mesh, [&](const std::array<std::int32_t, 3>& vertices, double third) {
+        double square = 0.0;
+        for (const std::int32_t v : vertices) {
+            square += offsets[v] * offsets[v] / 3.0;
+        }
+        for (const std::int32_t v : vertices) {
+            out[v] += third * square;
+        }
+    });
+    divide(out, mesh.areas);
+    for (std::size_t v = 0; v < out.size(); ++v) {
+        out[v] += offsets[v] * offsets[v];
+    }
+    return out;
+}
+
+// In that third the square of another corner's coordinate has the mean 23/432, the product of both
+// others 14/432.
+std::vector<double> bucket_variance(const IlluminationMesh& mesh, std::span<const double> at) {
+    std::vector<double> out(at.size());
+    for_each_side(mesh, [&](const std::array<std::int32_t, 3>& vertices, double third) {
+        for (const std::size_t k : {0U, 1U, 2U}) {
+            const std::int32_t v = vertices[k];
+            const double b = at[vertices[(k + 1) % 3]] - at[v],
+                         c = at[vertices[(k + 2) % 3]] - at[v];
+            out[v] += third * (23.0 * (b * b + c * c) + 28.0 * b * c) / 432.0;
+        }
+    });
+    divide(out, mesh.areas);
+    return out;
+}
+
+std::vector<double> photometric(std::span<const Vec3f> illuminance) {
+    std::vector<double> out(illuminance.size());
+    for (std::size_t v = 0; v < out.size(); ++v) {
+        out[v] = luminance(illuminance[v].as<double>());
+    }
+    return out;
+}
+
+} // namespace isolux

@@ -1,0 +1,284 @@
+#include "core/filter_error.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/bucket_variation.h"
+
+namespace isolux {
+namespace {
+
+// Vertices are taken together, where their supports are so much wider: their bias is one, and
+// shows in fewer photons.
+constexpr double kPart = 0.25;
+
+// Fewer photons than these, of those expected of a part, don't tell its own bias from all's.
+constexpr double kFewPhotons = 4.0;
+
+// Bias is told as a multiple of a support's own noise, of which it is the kin: a support grows
+// until either tells it to stop. So it is before anything is known, with as much doubt.
+constexpr double kBias = 1.0;
+
+// The noise of buckets that share no photons shows in the square of an offset as this part of their
+// variance, on a mesh of six triangles a vertex: half in its own, half in those around.
+constexpr double kOffsetNoise = 0.8;
+
+// Of some vertices, both relative to their illuminance's square, times their area.
+struct Evidence {
+    double bias = 0.0;     // estimate of the square of their bias
+    double noise = 0.0;    // of their wide supports
+    double variance = 0.0; // of the estimate; times the area once more
+
+    void add(const Evidence& other) {
+        bias += other.bias;
+        noise += other.noise;
+        variance += other.variance;
+    }
+};
+
+// Offsets that the filter has flattened more than this are no longer told by what it left.
+constexpr double kFlattened = 4.0;
+
+class BiasEstimate {
+  public:
+    BiasEstimate(const IlluminationMesh& mesh, const VertexKdTree& tree,
+                 const PhotonBuckets& buckets, LightPath path, double photon_flux,
+                 const FilteredIllumination& filtered)
+        : mesh_(mesh), tree_(tree), buckets_(buckets), path_(path), photon_flux_(photon_flux),
+          filtered_(filtered), of_vertices_(tree.cells().size()), of_parts_(tree.cells().size()),
+          parts_(tree.cells().size()), bias_(tree.vertices().size()) {
+        if (!tree.cells().empty()) {
+            collect(0);
+            spread(0, kBias);
+        }
+    }
+
+    // Of each vertex's bias, a multiple of the variance of its support.
+    const std::vector<double>& bias() const { return bias_; }
+
+  private:
+    // Sums over the vertices of a cell, by area.
+    struct Part {
+        double area = 0.0;            // m²
+        double own = 0.0;             // part of their supports that they are, all together
+        double noise = 0.0;           // m² lx², of wide supports
+        std::array<double, 2> flux{}; // lm, of the halves
+        std::array<double, 2> shares{};
+        std::array<std::uint64_t, 2> counts{};
+
+        void add(const Part& other) {
+            area += other.area;
+            own += other.own;
+            noise += other.noise;
+            for (const std::size_t half : {0U, 1U}) {
+                flux[half] += other.flux[half];
+                shares[half] += other.shares[half];
+                counts[half] += other.counts[half];
+            }
+        }
+    };
+
+    Part part(std::uint32_t rank) const {
+        const std::int32_t v = tree_.vertices()[rank];
+        Part out;
+        out.area = mesh_.areas[v];
+        out.counts = buckets_.half_hit_counts(v, path_);
+        for (const std::size_t half : {0U, 1U}) {
+            const auto& [illuminance, support_area] = filtered_.halves[v][half];
+            const auto f = static_cast<double>(illuminance);
+            if (support_area > 0.0) {
+                const double share = 2.0 * photon_flux_ / support_area;
+                out.flux[half] = out.area * f;
+                out.shares[half] = out.area * share;
+                out.own += 0.5 * out.area / support_area;
+                out.noise += 0.25 * out.area * f * share * (1.0 - out.area / support_area);
+            }
+        }
+        return out;
+    }
+
+    Evidence evidence(const Part& part) const {
+        if (part.area == 0.0) {
+            return {};
+        }
+        const double mean = 1.0 / part.area, e = photon_flux_ * mean;
+        const auto [f, with_truth, noise] =
+            filtered_squares({part.flux[0] * mean, part.flux[1] * mean},
+                             {part.shares[0] * mean, part.shares[1] * mean}, part.counts, e);
+        const double hits = static_cast<double>(part.counts[0] + part.counts[1]) * e;
+        const double square = f * f - 2.0 * with_truth + hits * (hits - e);
+        const double weight = part.area / ((f + e) * (f + e));
+        return {weight * (square - noise), weight * mean * part.noise,
+                weight * weight * e * f * (2.0 * e * f + e * e)};
+    }
+
+    void collect(std::int32_t at) {
+        const VertexCell& cell = tree_.cells()[at];
+        if (cell.first_child < 0) {
+            for (std::uint32_t rank = cell.begin; rank < cell.end; ++rank) {
+                const Part one = part(rank);
+                parts_[at].add(one);
+                of_vertices_[at].add(evidence(one));
+            }
+            of_parts_[at] = of_vertices_[at];
+        } else {
+            for (const std::int32_t child : {cell.first_child, cell.first_child + 1}) {
+                collect(child);
+                parts_[at].add(parts_[child]);
+                of_vertices_[at].add(of_vertices_[child]);
+                of_parts_[at].add(of_parts_[child]);
+            }
+        }
+        if (parts_[at].own <= kPart) {
+            of_parts_[at] = evidence(parts_[at]);
+        }
+    }
+
+    // What is known of all, corrected by what a part says of itself: as far as this is certain
+    // beside how much it may differ from all. More bias that is seen is believed; less of it only
+    // from one standard deviation on.
+    static double corrected(double of_all, const Evidence& evidence) {
+        if (evidence.noise <= 0.0) {
+            return of_all;
+        }
+        const double more = evidence.bias / evidence.noise - of_all;
+        const double variance = evidence.variance / (evidence.noise * evidence.noise);
+        const double expected = (of_all + kBias) * (of_all + kBias);
+        if (more < 0.0) {
+            const double less = std::min(0.0, more + std::sqrt(variance));
+            return std::max(0.0, of_all + expected / (expected + variance) * less);
+        }
+        const double doubt = std::max(expected, more * more - variance);
+        return of_all + doubt / (doubt + variance) * more;
+    }
+
+    double photons_expected(const Part& part) const {
+        return 0.5 * (part.flux[0] + part.flux[1]) / photon_flux_;
+    }
+
+    void spread(std::int32_t at, double of_all) {
+        const VertexCell& cell = tree_.cells()[at];
+        const bool known = parts_[at].own > kPart || photons_expected(parts_[at]) >= kFewPhotons;
+        // All bias shows at single vertices, but in few photons; what is the same all over a part
+        // shows sooner.
+        double here = of_all;
+        if (known) {
+            here = corrected(here, of_vertices_[at]);
+            here = std::max(here, corrected(here, of_parts_[at]));
+        }
+        if (cell.first_child >= 0 && known) {
+            spread(cell.first_child, here);
+            spread(cell.first_child + 1, here);
+            return;
+        }
+        for (std::uint32_t rank = cell.begin; rank < cell.end; ++rank) {
+            const Part one = part(rank);
+            bias_[tree_.vertices()[rank]] = known && photons_expected(one) >= kFewPhotons
+                                                ? corrected(here, evidence(one))
+                                                : here;
+        }
+    }
+
+    const IlluminationMesh& mesh_;
+    const VertexKdTree& tree_;
+    const PhotonBuckets& buckets_;
+    LightPath path_;
+    double photon_flux_; // lm
+    const FilteredIllumination& filtered_;
+    // A cell:
+    std::vector<Evidence> of_vertices_, of_parts_;
+    std::vector<Part> parts_;
+    std::vector<double> bias_; // a vertex
+};
+
+} // namespace
+
+FilteredSquares filtered_squares(const std::array<double, 2>& filtered_halves,
+                                 const std::array<double, 2>& shares,
+                                 const std::array<std::uint64_t, 2>& half_counts,
+                                 double lux_a_photon) {
+    FilteredSquares out{0.0, 0.0, 0.0};
+    for (const std::size_t half : {0U, 1U}) {
+        const double f = filtered_halves[half], share = shares[half];
+        const double own_hits = static_cast<double>(half_counts[1 - half]) * 2.0 * lux_a_photon;
+        out.filtered += 0.5 * f;
+        out.with_truth += 0.5 * own_hits * (f - share);
+        out.noise += 0.25 * f * share;
+    }
+    return out;
+}
+
+std::vector<float> filter_error(const IlluminationMesh& mesh, const VertexKdTree& tree,
+                                const PhotonBuckets& buckets, LightPath path, double photon_flux,
+                                const FilteredIllumination& filtered) {
+    const BiasEstimate estimate(mesh, tree, buckets, path, photon_flux, filtered);
+    const FilteredLight light{path, filtered};
+    const std::vector<double> offset =
+        filtered_offset_square(mesh, buckets, photon_flux, {&light, 1});
+    std::vector<float> out(mesh.areas.size());
+    for (std::size_t v = 0; v < out.size(); ++v) {
+        double square = offset[v];
+        for (const auto& [illuminance, support_area] : filtered.halves[v]) {
+            if (support_area > 0.0) {
+                // Where n photons are counted, the mean count has the variance n + 1 if all means
+                // were alike before: half a photon more in each half.
+                const double share = 2.0 * photon_flux / support_area;
+                const double variance =
+                    0.25 * share * (static_cast<double>(illuminance) + 0.5 * share);
+                const double others = 1.0 - std::min(1.0, mesh.areas[v] / support_area);
+                square += variance * (1.0 + estimate.bias()[v] * others);
+            }
+        }
+        out[v] = static_cast<float>(std::sqrt(square));
+    }
+    return out;
+}
+
+std::vector<double> filtered_offset_square(const IlluminationMesh& mesh,
+                                           const PhotonBuckets& buckets, double photon_flux,
+                                           std::span<const FilteredLight> light) {
+    const std::size_t n = mesh.areas.size();
+    std::vector<double> means(n), noise(n); // lx, lx² of what a bucket doesn't share
+    std::array<std::vector<double>, 2> halves{std::vector<double>(n), std::vector<double>(n)};
+    for (const auto& [path, filtered] : light) {
+        for (std::size_t v = 0; v < n; ++v) {
+            if (mesh.areas[v] == 0.0) {
+                continue;
+            }
+            const auto counts = buckets.half_hit_counts(static_cast<std::int32_t>(v), path);
+            means[v] += luminance(filtered.illuminance[v].as<double>());
+            for (const std::size_t half : {0U, 1U}) {
+                halves[half][v] +=
+                    2.0 * photon_flux * static_cast<double>(counts[half]) / mesh.areas[v];
+                // Two discs of radius r whose centres are h apart have all but 2 h / (pi r) in
+                // common, for supports of so many buckets all but the root of their number.
+                const auto& [of_half, support_area] = filtered.halves[v][half];
+                if (support_area > 0.0) {
+                    noise[v] += 0.5 * photon_flux * static_cast<double>(of_half) / support_area *
+                                std::sqrt(std::min(1.0, mesh.areas[v] / support_area));
+                }
+            }
+        }
+    }
+    const std::vector<double> offsets = bucket_offset(mesh, means);
+    std::vector<double> out = offset_square(mesh, offsets);
+    // The filter flattens offsets, too. What they are without it, two halves of the photons know
+    // that are independent, if not of single vertices.
+    const std::vector<double> first = bucket_offset(mesh, halves[0]);
+    const std::vector<double> second = bucket_offset(mesh, halves[1]);
+    double unfiltered = 0.0, spread = 0.0, filtered = 0.0; // m² lx², m⁴ lx⁴, m² lx²
+    for (std::size_t v = 0; v < n; ++v) {
+        const double square = mesh.areas[v] * first[v] * second[v];
+        unfiltered += square;
+        spread += square * square;
+        filtered += mesh.areas[v] * (offsets[v] * offsets[v] - 0.5 * kOffsetNoise * noise[v]);
+    }
+    const double certain = unfiltered - std::sqrt(spread);
+    const double flattened = filtered > 0.0 ? std::clamp(certain / filtered, 1.0, kFlattened) : 1.0;
+    for (std::size_t v = 0; v < n; ++v) {
+        out[v] = flattened * std::max(0.0, out[v] - kOffsetNoise * noise[v]);
+    }
+    return out;
+}
+
+} // namespace isolux

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import os
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-import PyOpenColorIO
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import PyOpenColorIO
 
 CLIPPED = "colours outside of Rec. 709 are clipped to it"
 WORKING_SPACE = "lin_rec709_scene"
@@ -77,6 +80,8 @@ def srgb_to_linear(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
 @cache
 def _processor(space: str, chosen: str) -> PyOpenColorIO.CPUProcessor | str:
     """What converts from a space, or why there is none."""
+    import PyOpenColorIO  # few stages need it, and it takes a while
+
     try:
         builtin = PyOpenColorIO.Config.CreateFromFile("ocio://default")
         config = PyOpenColorIO.Config.CreateFromFile(chosen) if chosen else builtin

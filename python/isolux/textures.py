@@ -8,17 +8,19 @@ import tempfile
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import OpenEXR
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
 from pxr import Sdf
 
 from .colour_space import is_by_channel, to_linear_rec709
 from .errors import SceneError
 from .reading_context import read_asset
+
+# The packages that read pictures are loaded with the first one: most stages have none.
+if TYPE_CHECKING:
+    from PIL import Image
 
 # A picture of more texels than this is refused: it would fill the memory of a workstation.
 MAX_FILE_TEXELS = 1 << 27
@@ -54,6 +56,8 @@ def read_texture(asset: Sdf.AssetPath, colour_space: str) -> Texture:
     Raises SceneError where the file is missing, too large or no picture that can be read, and
     UnknownColourSpaceError.
     """
+    from PIL import Image, UnidentifiedImageError
+
     contents = read_asset(asset)
     if contents is None:
         raise SceneError(asset.path, "no such texture", "a file that the stage can reach")
@@ -89,6 +93,8 @@ def _require_size(size: tuple[int, int], name: str) -> None:
 
 def _samples(picture: Image.Image, contents: bytes) -> tuple[NDArray, float, bool]:
     """(H, W, 1 to 4) samples as the file has them, the level that means 1, more than 8 bits."""
+    from PIL import Image
+
     modes = [str(tile[-1]) for tile in getattr(picture, "tile", [])]
     is_wide = picture.mode in _WIDE_MODES or any("16" in mode for mode in modes)
     if picture.mode in _WIDE_MODES:
@@ -164,7 +170,9 @@ def _linear(samples: NDArray[Any], levels: float, space: str) -> tuple[NDArray[n
 
 
 def _read_exr(contents: bytes, name: str) -> tuple[NDArray[np.float32], tuple[str, str]]:
-    # The OpenEXR package reads files only, and the texture may lie inside a usdz.
+    import OpenEXR
+
+    # The package reads files only, and the texture may lie inside a usdz.
     with tempfile.NamedTemporaryFile(suffix=".exr") as copy:
         Path(copy.name).write_bytes(contents)
         try:

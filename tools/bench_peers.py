@@ -45,10 +45,10 @@ GOALS = (0.05, 0.02)
 ENOUGH = 0.015  # below the last goal; no higher quality is tried
 # For the agreement: work at 1000 points, in seconds of one core at most about 150.
 AGREEMENT_QUALITIES = {
-    "mitsuba": 4096,
-    "cycles": 4096,
-    "radiance": 1024,
-    "radiance-cached": 4096,
+    "mitsuba": 1024,
+    "cycles": 1024,
+    "radiance": 256,
+    "radiance-cached": 1024,
 }
 
 
@@ -197,13 +197,14 @@ def at_reference(subject: Subject) -> PeerScene:
 def write_agreement(path: Path, subjects: Sequence[Subject], peers: Sequence[str]) -> None:
     """One row a scene and peer; rows of other scenes and peers that are there stay."""
     columns = [
-        "scene", "program", "quantity", "mean_ratio", "mean_error_bar", "rms_difference",
+        "scene", "program", "quantity", "samples", "mean_ratio", "mean_error_bar", "rms_difference",
         "error_bar", "noise", "within",
     ]  # fmt: skip
     rows: dict[tuple[str, str], dict[str, str]] = {}
     if path.exists():
         with path.open(newline="", encoding="utf-8") as file:
             rows = {(row["scene"], row["program"]): row for row in csv.DictReader(file)}
+    path.parent.mkdir(parents=True, exist_ok=True)
     for subject in subjects:
         asked = at_reference(subject)
         for peer in peers:
@@ -214,13 +215,14 @@ def write_agreement(path: Path, subjects: Sequence[Subject], peers: Sequence[str
             values = {name: f"{value:.5f}" for name, value in asdict(found).items()}
             within = "yes" if found.within else "no"
             key = {"scene": subject.name, "program": NAMES[peer], "quantity": QUANTITY}
-            rows[key["scene"], key["program"]] = {**key, **values, "within": within}
+            rows[key["scene"], key["program"]] = {
+                **key, "samples": str(2 * quality), **values, "within": within,
+            }  # fmt: skip
             print(f"  {subject.name}, {peer}: {found}, within: {within}", flush=True)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, columns, lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows.values())
+            with path.open("w", newline="", encoding="utf-8") as file:
+                table = csv.DictWriter(file, columns, lineterminator="\n")
+                table.writeheader()
+                table.writerows(rows.values())
 
 
 def places(points: Sequence[Point], scene: str, program: str) -> list[Place]:

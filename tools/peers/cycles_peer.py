@@ -3,8 +3,10 @@
 Every vertex has a white triangle of its own, seen by no ray, in whose centre one texel is baked:
 exactly at the vertex and along its normal. A colour attribute would take a bake at every face
 corner, six times as many, and its normals from the faces. Light tree on, nothing clamped or
-skipped, 1024 bounces. Light with a goniometric diagram is an area or point light whose strength is
-looked up by direction.
+skipped, 1024 bounces. Adaptive sampling leaves a bake as it is, to the bit; path guiding was
+farther off after more time (Cornell-type box, 16 samples: 15.8 % after 3.3 s, 14.3 % after 2.2 s
+without). Light with a goniometric diagram is an area or point light whose strength is looked up by
+direction.
 """
 
 from __future__ import annotations
@@ -23,16 +25,13 @@ TEXEL = np.array([[-0.45, -0.4], [0.45, -0.4], [0.0, 0.45]])
 
 
 class CyclesPeer:
-    """quality : samples a vertex
-
-    mode : "adaptive" for adaptive sampling, "guided" for path guiding
-    """
+    """quality : samples a vertex"""
 
     def __init__(self, scene: PeerScene, threads: int, mode: str) -> None:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self._count = len(scene.positions)
         self._scene = bpy.context.scene
-        self._configure(threads, mode)
+        self._configure(threads)
         _link("surfaces", _surfaces(scene))
         for number, luminaire in enumerate(scene.luminaires):
             _add_luminaire(f"luminaire{number}", luminaire)
@@ -49,13 +48,12 @@ class CyclesPeer:
         self._image.pixels.foreach_get(texels)
         return np.pi * texels.reshape(-1, 4)[: self._count, :3].astype(np.float64)
 
-    def _configure(self, threads: int, mode: str) -> None:
+    def _configure(self, threads: int) -> None:
         render, cycles = self._scene.render, self._scene.cycles
         render.engine = "CYCLES"
         render.threads_mode, render.threads = "FIXED", threads
         cycles.device = "CPU"
-        cycles.use_adaptive_sampling = mode == "adaptive"
-        cycles.use_guiding = mode == "guided"
+        cycles.use_adaptive_sampling = cycles.use_guiding = False
         cycles.use_denoising = False
         cycles.use_light_tree = True
         cycles.use_auto_tile = False

@@ -23,8 +23,6 @@ from .peer_scene import PeerScene
 PEERS = {
     "mitsuba": ("mitsuba_peer", "MitsubaPeer", ""),
     "cycles": ("cycles_peer", "CyclesPeer", ""),
-    "cycles-adaptive": ("cycles_peer", "CyclesPeer", "adaptive"),
-    "cycles-guided": ("cycles_peer", "CyclesPeer", "guided"),
     "radiance": ("radiance_peer", "RadiancePeer", ""),
     "radiance-cached": ("radiance_peer", "RadiancePeer", "cached"),
 }

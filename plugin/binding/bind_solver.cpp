@@ -14,6 +14,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "binding/arrays.h"
+#include "core/enclosed_light.h"
 #include "core/illumination_filter.h"
 #include "core/photon_tracer.h"
 #include "core/rms_error.h"
@@ -411,6 +412,25 @@ void bind_solver(nb::module_& module) {
         nb::call_guard<nb::gil_scoped_release>(),
         "Traces photons [first, first + count) and adds their hits to the buckets. A photon "
         "depends on the seed and its index alone.");
+
+    module.def(
+        "enclosed_lights",
+        [](const Scene& scene) {
+            std::vector<EnclosedLight> found;
+            {
+                nb::gil_scoped_release release;
+                found = enclosed_lights(scene);
+            }
+            nb::list out;
+            for (const EnclosedLight& light : found) {
+                const auto triple = [](const Vec3d& v) { return nb::make_tuple(v.x, v.y, v.z); };
+                out.append(nb::make_tuple(triple(light.position), triple(light.size), light.mesh));
+            }
+            return out;
+        },
+        "scene"_a,
+        "Luminaires of which no light gets out of a small closed part of the scene: their "
+        "position and that part's size, m, and the mesh that most of it meets.");
 
     nb::class_<IlluminationFilter>(module, "IlluminationFilter",
                                    "Filters buckets over adaptive supports [Volevich 2000, A].")

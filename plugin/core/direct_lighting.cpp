@@ -330,16 +330,15 @@ void DirectLighting::Gathering::cast() {
         }
         const LuminaireIlluminance& light = lighting_.luminaires_[s.luminaire];
         const std::uint64_t scramble = mix64(key_ + mix64(static_cast<std::uint64_t>(s.luminaire)));
-        const Vec3f plane = light.luminaire().z.as<float>();
         for (; s.samples < s.wanted || (s.all == 0.0 && s.samples < kHorizonSamples); ++s.samples) {
             const auto [u, v] = sobol_point(s.samples, scramble);
             const ShadowSample sample = light.shadow_sample(receiver_, u, v);
             s.all += sample.weight;
             if (sample.weight > 0.0) {
-                // It ends where photons start: off the luminaire and off the luminaire's plane.
+                // It ends where photons start.
                 const Vec3f at = (sample.point - caster.origin()).as<float>();
                 const Vec3f direction = normalize(from - at);
-                const Vec3f away = direction + plane * std::copysign(1.0F, dot(direction, plane));
+                const Vec3f away = light.luminaire().clearance(direction);
                 rays_.push_back({from, at + away * caster.offset(at, 0.0F) - from, 0.0F,
                                  light.luminaire().shadow_meshes()});
                 probes_.push_back({i, sample.weight});

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "core/coincident_surfaces.h"
 #include "core/sampling.h"
 #include "core/sobol.h"
 
@@ -49,10 +50,14 @@ struct SurfacePoint {
     const Surface* surface = nullptr;
 };
 
-SurfacePoint hit_point(const IlluminationMesh& mesh, const Ray& ray, const Hit& hit) {
-    if (hit.triangle == kNoHit) {
+SurfacePoint hit_point(const Scene& scene, const Ray& ray, const Hit& met) {
+    if (met.triangle == kNoHit) {
         return {};
     }
+    const IlluminationMesh& mesh = scene.mesh();
+    const Hit hit = dot(ray.direction, met.normal) > 0.0F
+                        ? facing_hit(mesh, scene.ray_caster(), ray, met)
+                        : met;
     const MeshElement& element = mesh.elements[static_cast<std::size_t>(hit.triangle)];
     const Surface& surface = mesh.surfaces[static_cast<std::size_t>(element.surface)];
     // Each vertex stands for the third of an element that lies nearest to it in barycentric terms.
@@ -96,7 +101,7 @@ void RecordTracer::trace(const Receiver& receiver, std::uint32_t rays, GatherRec
         if (hit.triangle != kNoHit) {
             record.inverse_distances += 1.0 / static_cast<double>(std::max(hit.distance, 1e-30F));
         }
-        SurfacePoint point = hit_point(mesh, ray, hit);
+        SurfacePoint point = hit_point(scene_, ray, hit);
         if (point.vertex >= 0 &&
             hit.distance * hit.distance < kNear * static_cast<float>(mesh.areas[point.vertex])) {
             PhotonRandom random(key, index);
@@ -117,7 +122,7 @@ NearHit RecordTracer::near_hit(const Receiver& at, const Vec3f& reflectance,
     const RayCaster& caster = scene_.ray_caster();
     const Ray ray{(at.position - caster.origin()).as<float>(), cosine_direction(at.normal, random)};
     return {direct_illuminance(at, random) * reflectance, reflectance,
-            hit_point(scene_.mesh(), ray, caster.closest_hit(ray)).vertex};
+            hit_point(scene_, ray, caster.closest_hit(ray)).vertex};
 }
 
 // One shadow ray, to a luminaire chosen by the light that it would give were nothing in the way

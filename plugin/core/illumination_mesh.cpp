@@ -1,5 +1,7 @@
 #include "core/illumination_mesh.h"
 
+#include "core/nearest_normals.h"
+
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -218,6 +220,8 @@ void IlluminationMesh::add(const SurfaceMesh& mesh, double crease_angle) {
     for (const Vec3d& sum : normal_sums) {
         normals.push_back(normalize(sum).as<float>());
     }
+    fill_normals(std::span(positions).subspan(range.front_begin),
+                 std::span(normals).subspan(range.front_begin));
 
     const std::vector<std::int32_t> surface_of_face =
         add_surfaces(mesh,

@@ -107,6 +107,14 @@ Vec3d TriangleLuminaire::point(double u, double v) const {
     return a * (1.0 - root) + b * (root * (1.0 - v)) + c * (root * v);
 }
 
+bool Luminaire::is_point(double offset) const {
+    if (const auto* sphere = std::get_if<SphereLuminaire>(&shape)) {
+        return sphere->radius <= offset;
+    }
+    const auto* disk = std::get_if<DiskLuminaire>(&shape);
+    return disk != nullptr && disk->radius <= offset;
+}
+
 bool Luminaire::is_infinite() const {
     return std::holds_alternative<DistantLuminaire>(shape) ||
            std::holds_alternative<DomeLuminaire>(shape);

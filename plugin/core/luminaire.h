@@ -6,6 +6,7 @@
 // alone, L(omega), is exact: I(omega) = L(omega) * projected area.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <variant>
@@ -79,6 +80,8 @@ struct Luminaire {
     double luminous_flux; // lm; from infinitely far, what enters the scene's bounds
     std::shared_ptr<const CandelaDistribution> diagram; // null: constant luminance
     std::shared_ptr<const MeshLinks> links = nullptr;   // null: all meshes, lit and in its light
+    std::vector<Vec3f> touched = {}; // of a point of light: normals of surfaces that it lies in
+    double touching = 0.0;           // m, from those surfaces, at most
 
     // mesh : -1: none in particular
     bool lights(std::int32_t mesh) const { return !links || mesh < 0 || links->lit[mesh] != 0; }
@@ -86,6 +89,30 @@ struct Luminaire {
     const std::uint8_t* shadow_meshes() const { return links ? links->shadow.data() : nullptr; }
 
     Emission sample_emission(PhotonRandom& random) const;
+
+    // Which way its light clears, by an offset, what it lies in: along its direction, away from its
+    // own plane, so that grazing light clears a ceiling that it is flush with, and off the surfaces
+    // that it touches.
+    Vec3f clearance(const Vec3f& direction) const {
+        const auto off = [&](const Vec3f& n) { return n * std::copysign(1.0F, dot(direction, n)); };
+        Vec3f out = touched.empty() ? direction + off(z.as<float>()) : direction;
+        for (const Vec3f& normal : touched) {
+            out += off(normal);
+        }
+        return out;
+    }
+    // Whether it lies in a receiver's own surface, which it doesn't light, but for rounding.
+    // height : m, of the luminaire over the receiver
+    bool lies_in(double height, const Vec3f& normal) const {
+        for (const Vec3f& n : touched) {
+            if (height <= touching && std::abs(dot(n, normal)) > 0.999F) {
+                return true;
+            }
+        }
+        return false;
+    }
+    // Without extent, as far as offsets tell.
+    bool is_point(double offset) const;
 
     // Shines from infinitely far, on the bounds that aim() gave it.
     bool is_infinite() const;

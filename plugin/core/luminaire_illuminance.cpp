@@ -28,6 +28,19 @@ constexpr std::array<double, 3> kGaussWeights{5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0
 constexpr double kPartsPerOpening = 2.0;
 constexpr int kMostParts = 16;
 
+// Of a radius: a receiver that is no farther inside of a luminaire touches it, but for rounding;
+// and of the radius squared, how far outside it is taken to be.
+constexpr double kTouching = 1e-6, kOutside = 1e-12;
+
+// Squared distance from the surface of a round luminaire along its tangent, m²; of what is inside,
+// 0 or less.
+double tangent_squared(double squared_distance, double radius) {
+    const double squared_radius = radius * radius;
+    const double beyond = squared_distance - squared_radius;
+    return beyond > -2.0 * kTouching * squared_radius ? std::max(beyond, kOutside * squared_radius)
+                                                      : beyond;
+}
+
 template <typename... F> struct Overloaded : F... {
     using F::operator()...;
 };
@@ -89,7 +102,8 @@ struct CylinderSide {
     Vec3d near, across;        // unit
 
     CylinderSide(const CylinderLuminaire& s, const Vec3d& from)
-        : distance(std::hypot(from.y, from.z)),
+        : distance(std::sqrt(s.radius * s.radius +
+                             tangent_squared(from.y * from.y + from.z * from.z, s.radius))),
           half_arc(std::atan2(std::sqrt(std::max(0.0, distance * distance - s.radius * s.radius)),
                               s.radius)),
           near{0.0, from.y / distance, from.z / distance}, across{0.0, -near.z, near.y} {}
@@ -177,7 +191,8 @@ double LuminaireIlluminance::unoccluded(const Receiver& receiver) const {
     const Vec3d to = luminaire_.position - receiver.position;
     const Vec3d normal = receiver.normal.as<double>();
     const double height = dot(to, normal);
-    if (height <= -radius_ || (height <= 0.0 && radius_ == 0.0)) {
+    if (height <= -radius_ || (height <= 0.0 && radius_ == 0.0) ||
+        luminaire_.lies_in(height, receiver.normal)) {
         return 0.0;
     }
     const bool constant = luminaire_.diagram == nullptr && area_ > 0.0;
@@ -196,7 +211,8 @@ double LuminaireIlluminance::constant_luminance(const Vec3d& to, const Vec3d& no
     const auto seen =
         std::visit(Overloaded{
                        [&](const SphereLuminaire& s) {
-                           const double squared = dot(c, c), inside = squared - s.radius * s.radius;
+                           const double squared = dot(c, c);
+                           const double inside = tangent_squared(squared, s.radius);
                            if (inside <= 0.0) {
                                return false;
                            }
@@ -271,7 +287,7 @@ LuminaireIlluminance::Sight LuminaireIlluminance::sight(const Receiver& receiver
         Overloaded{
             // A point of the disk that the silhouette bounds, lifted to the near side.
             [&](const SphereLuminaire& s) {
-                const double squared = dot(to, to), inside = squared - s.radius * s.radius;
+                const double squared = dot(to, to), inside = tangent_squared(squared, s.radius);
                 if (inside <= 0.0) {
                     return Sight{to, 0.0};
                 }
@@ -301,6 +317,9 @@ LuminaireIlluminance::Sight LuminaireIlluminance::sight(const Receiver& receiver
                 const CylinderSide side(s, to_local(-to));
                 if (side.distance <= s.radius) {
                     return Sight{to, 0.0};
+                }
+                if (side.half_arc < 2.0 * std::sqrt(kOutside)) { // nothing hides what touches
+                    return Sight{normal * (kTouching * s.radius), 1.0};
                 }
                 const double angle = (2.0 * v - 1.0) * side.half_arc;
                 const Vec3d across = side.near * std::cos(angle) + side.across * std::sin(angle);

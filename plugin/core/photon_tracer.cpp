@@ -6,6 +6,7 @@
 
 #include <tbb/enumerable_thread_specific.h>
 
+#include "core/coincident_surfaces.h"
 #include "core/parallel.h"
 #include "core/sampling.h"
 
@@ -81,10 +82,8 @@ class PhotonWalk {
         const RayCaster& caster = scene_.ray_caster();
         const Vec3f direction = emission.direction.as<float>();
         const Vec3f origin = (emission.origin - caster.origin()).as<float>();
-        // Off the luminaire's plane, too: grazing light clears a ceiling that it is flush with.
-        const Vec3f plane = luminaire.z.as<float>();
-        const Vec3f away = direction + plane * std::copysign(1.0F, dot(direction, plane));
-        photon.ray = {origin + away * caster.offset(origin, 0.0F), direction};
+        photon.ray = {origin + luminaire.clearance(direction) * caster.offset(origin, 0.0F),
+                      direction};
         photon.colour = emission.colour;
         if (luminaire.links) {
             photon.links = luminaire.links.get();
@@ -113,9 +112,21 @@ class PhotonWalk {
             const std::int32_t back_offset = surface_of(element).back_offset;
             photon.normal = -photon.normal;
             photon.vertex = back_offset < 0 ? kNoHit : photon.vertex + back_offset;
+            if (back_offset < 0) {
+                find_front(photon);
+            }
         }
         if (photon.vertex != kNoHit) {
             buckets_.prefetch(photon.vertex, photon.path, photon.batch);
+        }
+    }
+
+    // Of a photon at a one-sided back: another sheet may lie in the same place.
+    void find_front(Photon& photon) {
+        const Hit hit = facing_hit(scene_.mesh(), scene_.ray_caster(), photon.ray, photon.hit);
+        if (hit.triangle != photon.hit.triangle) {
+            photon.hit = hit;
+            find_bucket(photon);
         }
     }
 

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/coincident_surfaces.h"
 #include "core/parallel.h"
 #include "core/random.h"
 #include "core/sampling.h"
@@ -27,9 +28,13 @@ constexpr double kInteraction = 0.25;
 // know it far better than each.
 constexpr std::uint32_t kLossRays = 16;
 
-// A sieve gives off light where it stops it.
-Vec3d reflected(const Surface& surface, const Vec3d& illuminance) {
-    return surface.reflectance.as<double>() * illuminance * static_cast<double>(surface.opacity);
+// The share of a leaf that gives off light: a sieve does where it stops it, and of surfaces in one
+// place the first does.
+double solid_share(const RadiosityNode& leaf, const Surface& surface) {
+    return leaf.owned * static_cast<double>(surface.opacity);
+}
+Vec3d reflected(const RadiosityNode& leaf, const Surface& surface, const Vec3d& illuminance) {
+    return surface.reflectance.as<double>() * illuminance * solid_share(leaf, surface);
 }
 
 Exitance exitance_of(const Vec3d& colour) { return {colour, luminance(colour), luminance(colour)}; }
@@ -71,8 +76,9 @@ void ProgressiveRadiosity::begin(std::span<const Vec3f> direct) {
     for (std::size_t i = 0; i < direct.size(); ++i) {
         const RadiosityNode& leaf = hierarchy_.nodes[hierarchy_.leaves[i]];
         const Surface& surface = scene_.mesh().surfaces[static_cast<std::size_t>(leaf.surface)];
-        const double solid = leaf.area * static_cast<double>(surface.opacity);
-        unshot_[hierarchy_.leaves[i]] = exitance_of(reflected(surface, direct[i].as<double>()));
+        const double solid = leaf.area * solid_share(leaf, surface);
+        unshot_[hierarchy_.leaves[i]] =
+            exitance_of(reflected(leaf, surface, direct[i].as<double>()));
         area += leaf.area;
         incident += solid;
         absorbed += solid * (1.0 - static_cast<double>(luminance(surface.reflectance)));
@@ -113,7 +119,7 @@ ShootingProgress ProgressiveRadiosity::advance(std::uint64_t ray_budget, int thr
             lost += leaving * lost_[i];
             const RadiosityNode& node = hierarchy_.nodes[leaf];
             const Surface& surface = scene_.mesh().surfaces[static_cast<std::size_t>(node.surface)];
-            received += received_[leaf] * (node.area * static_cast<double>(surface.opacity));
+            received += received_[leaf] * (node.area * solid_share(node, surface));
         }
         // Departure: what is received is made to fit what is shot and not lost, so that errors of
         // a tenth of a percent don't grow to percents where light is reflected twenty times
@@ -126,7 +132,7 @@ ShootingProgress ProgressiveRadiosity::advance(std::uint64_t ray_budget, int thr
         for (const std::int32_t leaf : hierarchy_.leaves) {
             const RadiosityNode& node = hierarchy_.nodes[leaf];
             const Surface& surface = scene_.mesh().surfaces[static_cast<std::size_t>(node.surface)];
-            unshot_[leaf] = exitance_of(reflected(surface, received_[leaf] * balance));
+            unshot_[leaf] = exitance_of(reflected(node, surface, received_[leaf] * balance));
             total_[leaf] = exitance_of(total_[leaf].mean + unshot_[leaf].mean);
         }
         pull(unshot_);
@@ -203,8 +209,11 @@ void ProgressiveRadiosity::find_losses(int threads) {
             const Vec3d direction = s * (sine * std::cos(turn)) + t * (sine * std::sin(turn)) +
                                     leaf.normal * std::sqrt(1.0 - u);
             const Vec3f local = (at - caster.origin()).as<float>();
-            const Hit hit = caster.closest_hit(
-                {local + normal * caster.offset(local, 0.0F), direction.as<float>()});
+            const Ray ray{local + normal * caster.offset(local, 0.0F), direction.as<float>()};
+            Hit hit = caster.closest_hit(ray);
+            if (hit.triangle != kNoHit) {
+                hit = facing_hit(scene_.mesh(), caster, ray, hit);
+            }
             const bool back =
                 hit.triangle != kNoHit && dot(hit.normal.as<double>(), direction) > 0.0;
             lost += hit.triangle == kNoHit || (back && one_sided(hit.triangle)) ? 1 : 0;

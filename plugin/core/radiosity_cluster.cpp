@@ -5,6 +5,7 @@
 #include <limits>
 #include <span>
 
+#include "core/coincident_surfaces.h"
 #include "core/sampling.h"
 
 namespace isolux {
@@ -27,8 +28,9 @@ constexpr std::array<std::array<float, 2>, 7> kAround{{{0.0F, 0.0F},
 
 double triangle_area(const Triangle& t) { return 0.5 * length(cross(t[1] - t[0], t[2] - t[0])); }
 
-RadiosityNode triangle_node(const Triangle& corners, std::int32_t surface) {
+RadiosityNode triangle_node(const Triangle& corners, std::int32_t surface, std::int32_t element) {
     RadiosityNode node;
+    node.element = element;
     node.corners = corners;
     node.centre = (corners[0] + corners[1] + corners[2]) * (1.0 / 3.0);
     node.normal = normalize(cross(corners[1] - corners[0], corners[2] - corners[0]));
@@ -49,15 +51,18 @@ class Builder {
     Builder(const Scene& scene, double leaves) : scene_(scene) {
         const IlluminationMesh& mesh = scene.mesh();
         double total = 0.0;
-        for (const MeshElement& element : mesh.elements) {
+        for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+            const MeshElement& element = mesh.elements[e];
+            const auto number = static_cast<std::int32_t>(e);
             const auto [a, b, c] = element.vertices;
             const Triangle front{mesh.positions[a], mesh.positions[b], mesh.positions[c]};
             if (triangle_area(front) <= 0.0) {
                 continue;
             }
-            sides_.push_back(triangle_node(front, element.surface));
+            sides_.push_back(triangle_node(front, element.surface, number));
             if (mesh.surfaces[static_cast<std::size_t>(element.surface)].back_offset >= 0) {
-                sides_.push_back(triangle_node({front[0], front[2], front[1]}, element.surface));
+                sides_.push_back(
+                    triangle_node({front[0], front[2], front[1]}, element.surface, number));
             }
         }
         for (const RadiosityNode& side : sides_) {
@@ -157,6 +162,7 @@ class Builder {
             const InView view = in_view(node);
             if (extra == kExtraSplits || view.count % 4 == 0) {
                 out_.nodes[at].hidden = view.count == 0;
+                out_.nodes[at].owned = owned(node);
                 if (view.count > 0 && !view.middle) {
                     move_centre(out_.nodes[at], view.mean);
                 }
@@ -169,7 +175,7 @@ class Builder {
         const Vec3d ab = (a + b) * 0.5, bc = (b + c) * 0.5, ca = (c + a) * 0.5;
         for (const Triangle& part : {Triangle{a, ab, ca}, Triangle{ab, b, bc}, Triangle{ca, bc, c},
                                      Triangle{bc, ca, ab}}) {
-            out_.nodes.push_back(triangle_node(part, node.surface));
+            out_.nodes.push_back(triangle_node(part, node.surface, node.element));
             out_.nodes.back().parent = at;
         }
         out_.nodes[at].first_child = first;
@@ -201,6 +207,22 @@ class Builder {
         }
         out.mean = out.mean * (1.0 / std::max(1, out.count));
         return out;
+    }
+
+    // Of what several surfaces cover, the first reflects: all others would double its light.
+    double owned(const RadiosityNode& node) const {
+        const IlluminationMesh& mesh = scene_.mesh();
+        int own = 0, all = 0;
+        const auto look = [&](const Vec3d& p) {
+            const std::int32_t first = first_element_at(mesh, scene_.ray_caster(), p, node.normal);
+            own += first < 0 || first == node.element ? 1 : 0;
+            ++all;
+        };
+        look(node.centre);
+        for (const Vec3d& p : node.corners) {
+            look(node.centre + (p - node.centre) * kNearCorner);
+        }
+        return static_cast<double>(own) / all;
     }
 
     // What is seen of a leaf is as bright as where it is seen, not as under what stands on it.

@@ -24,7 +24,9 @@ struct RadiosityNode {
     std::int32_t parent = -1; // of a part of an element
     std::int32_t first_child = -1;
     std::int32_t surface = -1; // -1: a cluster
-    bool hidden = false;       // no light reaches the leaf; of others, one of the leaves
+    std::int32_t element = -1;
+    double owned = 1.0;  // of a leaf, the share that no earlier element covers: that reflects
+    bool hidden = false; // no light reaches the leaf; of others, one of the leaves
 
     bool leaf() const { return first_child < 0; }
     bool cluster() const { return surface < 0; }

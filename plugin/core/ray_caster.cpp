@@ -420,6 +420,26 @@ void RayCaster::transmitted(std::span<const Ray> rays, std::span<float> out) con
     }
 }
 
+std::vector<std::int32_t> RayCaster::triangles_near(const Vec3f& p, float radius) const {
+    struct Found {
+        const Embree& embree;
+        std::vector<std::int32_t> triangles;
+    } found{*embree_, {}};
+    RTCPointQuery query{p.x, p.y, p.z, 0.0F, radius};
+    RTCPointQueryContext context;
+    rtcInitPointQueryContext(&context);
+    const auto add = [](RTCPointQueryFunctionArguments* arguments) {
+        auto& out = *static_cast<Found*>(arguments->userPtr);
+        const bool copy = arguments->context->instStackSize > 0;
+        const unsigned part = copy ? arguments->context->instID[0] : arguments->geomID;
+        out.triangles.push_back(out.embree.parts[part].first +
+                                static_cast<std::int32_t>(arguments->primID));
+        return false; // the radius stays
+    };
+    rtcPointQuery(embree_->scene, &query, &context, add, &found);
+    return std::move(found.triangles);
+}
+
 float RayCaster::offset(const Vec3f& p, float distance) const {
     const float size = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z), distance});
     return std::max(kRelativeOffset * size, least_offset_);

@@ -71,6 +71,9 @@ class RayCaster {
     // The same for each ray; those that start or end near each other are fastest.
     void transmitted(std::span<const Ray> rays, std::span<float> out) const;
 
+    // Triangles whose bounds come within `radius`, m, of a local position, in no order.
+    std::vector<std::int32_t> triangles_near(const Vec3f& p, float radius) const;
+
   private:
     struct Embree;
     std::unique_ptr<Embree> embree_;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "core/touched_surfaces.h"
+
 namespace isolux {
 namespace {
 
@@ -116,7 +118,12 @@ Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires,
                 !std::ranges::all_of(luminaires_, is_grey)),
       ray_caster_(ray_targets(mesh_, luminaires_, triangles_of(mesh_), copies, worth_sharing),
                   threads) {
-    for (const auto& luminaire : luminaires_) {
+    for (auto& luminaire : luminaires_) {
+        const Vec3f local = (luminaire.position - ray_caster_.origin()).as<float>();
+        luminaire.touching = static_cast<double>(ray_caster_.offset(local, 0.0F));
+        if (luminaire.is_point(luminaire.touching)) {
+            luminaire.touched = touched_surfaces(ray_caster_, luminaire.position);
+        }
         if (luminaire.links && luminaire.links->lit.size() != mesh_.meshes.size()) {
             throw std::invalid_argument("light links want one entry a mesh");
         }

@@ -8,7 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene_description import Finding, MeshDescription
+from . import _core
+from .scene_description import Finding, MeshDescription, SceneDescription
 from .solution import MeshLayout
 
 # A one-sided mesh is taken to be turned inside out where so many photons met it, mostly its back.
@@ -39,6 +40,18 @@ def inside_out_meshes(
                 f"{back / (back + front):.0%} of the photons that met the mesh met its "
                 "back, which absorbs them: check orientation, or set doubleSided",
             )
+
+
+def enclosed_luminaires(scene: SceneDescription, core_scene: _core.Scene) -> Iterator[Finding]:
+    """Luminaires whose light stays in a closed fixture, while there are other meshes."""
+    for position, size, mesh in _core.enclosed_lights(core_scene):
+        reason = (
+            f"none of its light gets out of the {' × '.join(f'{x:.2g}' for x in size)} m around "
+            f"it: {scene.meshes[mesh].path} encloses it"
+        )
+        for luminaire in scene.luminaires:
+            if tuple(luminaire.origin.tolist()) == position:
+                yield Finding(luminaire.path, "enclosed light", "noted", reason)
 
 
 def coarse_meshes(

@@ -38,7 +38,7 @@ from .core_scene import build_core_scene, mesh_layouts
 from .dark_stages import no_light_arrives, what_is_dark
 from .errors import SettingsError
 from .illumination import Illumination, relative_deviation
-from .photon_findings import coarse_meshes, inside_out_meshes
+from .photon_findings import coarse_meshes, enclosed_luminaires, inside_out_meshes
 from .progress import SolveProgress, Watch, done_fraction
 from .scene_description import Finding, SceneDescription
 from .schedule import Component, StageGoal, StagePlan
@@ -183,9 +183,12 @@ class ProgressiveSolver:
             self._photons.trace(FIRST_CHUNK_PHOTONS)
         hits = self._photons.buckets.hit_counts
         meshes = self.scene.meshes
-        found = inside_out_meshes(
-            meshes, self._layouts, hits, self._photons.buckets.ends["back_hits"]
-        )
+        found = [
+            *inside_out_meshes(
+                meshes, self._layouts, hits, self._photons.buckets.ends["back_hits"]
+            ),
+            *enclosed_luminaires(self.scene, self._core_scene),
+        ]
         if self._switchover[2] == 0:  # no direct light but the photons'
             return tuple(found)
         direct_flux = photometric(self._light.direct) * self._areas

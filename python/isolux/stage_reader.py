@@ -6,6 +6,7 @@ Everything that a stage holds and the solver does not take as it stands becomes 
 from __future__ import annotations
 
 import hashlib
+import math
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,7 +15,7 @@ from pathlib import Path
 
 from pxr import Ar, Sdf, Usd, UsdGeom, UsdLux, UsdUtils
 
-from .errors import SceneError
+from .errors import SceneError, SettingsError
 from .gprim_reader import read_gprim
 from .instancing import InstanceWalk
 from .light_linking import link_luminaires
@@ -75,14 +76,21 @@ def read_source(
     opening : of a file; a stage that is open stays as it is
     """
     started = time.perf_counter()
+    if time_code is not None and not math.isfinite(time_code):  # USD would read no sample at all
+        raise SettingsError("time", f"{time_code:g}", "a finite time code")
     diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # keeps USD from writing to stderr
     try:
         opened = stage if isinstance(stage, Usd.Stage) else open_noisily(str(stage), opening)
         _require_no_results(opened)
         settings = choose_settings(opened)
+        start = None
         if time_code is None and opened.HasAuthoredMetadata("startTimeCode"):
-            time_code = opened.GetStartTimeCode()
+            start = opened.GetStartTimeCode()
+            time_code = start if math.isfinite(start) else None
         context = ReadingContext(opened, time_code, settings)
+        if start is not None and time_code is None:
+            reason = f"startTimeCode = {start:g}: read at the earliest time"
+            context.note(Sdf.Path.absoluteRootPath, "startTimeCode", "repaired", reason)
         hashing = _hash_beside(opened.GetUsedLayers())
         _note_composition_errors(opened, context)
         _note_parts_left_out(opened, context)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from usd_scenes.shapes import box, rectangle
+from usd_scenes.shapes import Shape, box, rectangle
 
 from hard_cases.hard_case import hard_case
 from hard_cases.small_stages import (
     CANDELA,
     FLOOR,
     FLUX,
+    Array,
     at_corners,
     direct_at_receivers,
     directly_lit,
@@ -26,6 +27,19 @@ from hard_cases.small_stages import (
 )
 
 ROOM = box((4, 4, 4), 1.0).flipped()
+LONG = 1000.0  # times the radius and more: an endless tube
+
+
+def along_x(head: str, body: str, at: Array, axis: Array) -> str:
+    """A light whose local X lies along an axis, unit."""
+    x = np.asarray(axis, float)
+    y = np.cross(np.eye(3)[np.abs(x).argmin()], x)
+    y /= np.linalg.norm(y)
+    rows = [(*row, 0.0) for row in (x, y, np.cross(x, y))] + [(*at, 1.0)]
+    matrix = ", ".join(str(tuple(map(float, row))) for row in rows)
+    return f"""{head} {{\n{body}
+        matrix4d xformOp:transform = ({matrix})
+        uniform token[] xformOpOrder = ["xformOp:transform"]\n}}\n"""
 
 
 @hard_case(
@@ -54,18 +68,31 @@ def touching() -> None:
 
 @hard_case(
     7,
-    "a vertex exactly where a sphere touches its floor",
+    "a vertex exactly where a sphere or a tube touches its floor",
     "The limit from outside.",
-    "πL",
+    "πL, on the level and where rounding puts the vertex inside or outside; 0 within the sphere",
     part="b",
-    fails="0 there: a point on the sphere counts as inside of it; 10⁻² R beside it the light is "
-    "right (case 7)",
 )
 def point_of_touch() -> None:
-    lit = directly_lit(mesh("Floor", FLOOR) + sphere_light(100.0, 0.5, (0, 0, 0.5)))
-    values, places, _ = direct_at_receivers(lit, "/Floor")
-    middle = np.linalg.norm(places, axis=1).argmin()
-    assert values[middle] == pytest.approx(np.pi * 100, rel=0.01)
+    tube = f"""float inputs:intensity = 100\nfloat inputs:radius = 0.5
+        float inputs:length = {LONG}"""
+    for head, body in (
+        ('def SphereLight "Lamp"', "float inputs:intensity = 100\nfloat inputs:radius = 0.5"),
+        ('def CylinderLight "Lamp"', tube),
+    ):
+        for turn in ({}, {"x": 17, "y": 31}, {"x": 40, "y": 10}):
+            # The tube is so long that it may point anywhere along the floor.
+            up = Shape(np.array([(0, 0, 0.5), (1, 0, 0)]), FLOOR.counts, FLOOR.indices)
+            above, along = up.turned(**turn).points
+            lit = directly_lit(
+                mesh("Floor", FLOOR.turned(**turn)) + along_x(head, body, above, along)
+            )
+            values, places, _ = direct_at_receivers(lit, "/Floor")
+            middle = np.linalg.norm(places, axis=1).argmin()
+            assert values[middle] == pytest.approx(np.pi * 100, rel=0.01)
+    sunk = directly_lit(mesh("Floor", FLOOR) + sphere_light(100.0, 0.5, (0, 0, 0.499)))
+    values, places, _ = direct_at_receivers(sunk, "/Floor")
+    assert values[np.linalg.norm(places, axis=1).argmin()] == 0
 
 
 @hard_case(
@@ -117,14 +144,32 @@ def closed_fixture() -> None:
     9,
     "a source inside a closed double-sided fixture",
     "A finding says that its light does not get out.",
-    "a finding at the fixture or its light",
+    "a finding at the light that names the fixture; none for a lamp in an open fixture, in a "
+    "closed room, over a black table, or in a stage that is the fixture alone",
     part="b",
-    fails="the light is right, but no finding tells of it: the solver does not know which surfaces "
-    "a luminaire was meant to light",
 )
 def told_of_a_closed_fixture() -> None:
-    _, findings = in_a_fixture("bool doubleSided = true")
-    assert any(finding.path in ("/Fixture", "/Lamp") for finding in findings)
+    sided = "bool doubleSided = true"
+    _, (told,) = in_a_fixture(sided)
+    assert told.path == "/Lamp"
+    assert "none of its light gets out" in told.reason
+    assert "/Fixture" in told.reason
+    room, lamp = mesh("Room", ROOM, 0.5), point_light(FLUX, (0, 0, 0))
+    closed = box((0.5, 0.5, 0.5), 0.25)
+    faces = closed.indices.reshape(-1, 4)
+    slit = mesh("Fixture", Shape(closed.points, closed.counts[1:], faces[1:].ravel()), 0.0, sided)
+    far = mesh("Far", FLOOR.moved(z=9))
+    table = mesh("Table", rectangle((-1, -1, -1), (2, 0, 0), (0, 2, 0), 1.0))
+    beam = inline([0, 3, 4], [CANDELA, CANDELA, 0], at=(0, 0, 0))
+    for text in (
+        room + slit + lamp,
+        room + far + lamp,
+        room + table + beam,
+        mesh("Fixture", closed, 0.5, sided) + lamp,
+    ):
+        solver = solver_of(text, photons=1000)
+        list(solver.stages())
+        assert solver.findings() == ()
 
 
 @hard_case(

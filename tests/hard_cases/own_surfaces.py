@@ -63,17 +63,27 @@ def nested_boxes() -> None:
 @hard_case(
     30,
     "two coincident one-sided sheets, back to back: photons",
-    "Each side has its own light: E = I cosθ/d².",
-    "a sixth of the flux over the sheet's area, whichever sheet comes first",
+    "Each side has its own light, whichever sheet comes first and however each is divided.",
+    "a sixth of the flux over the sheet's area, tilted in space, too; in a room the light of the "
+    "room with one double-sided sheet, by photons, gather and radiosity",
     part="b",
-    fails="a ray meets the sheet that is first in the stage, from behind as well, where it is "
-    "absorbed: the other side gets no photons (direct lighting is right)",
 )
 def back_to_back() -> None:
-    sheets = mesh("Top", FLOOR), mesh("Bottom", FLOOR.flipped())
-    for first, second in (sheets, sheets[::-1]):
-        lit = solved(first + second + point_light(FLUX, (0, 0, 2)))
-        assert means(lit, "/Top")[0] == pytest.approx(FLUX / 6 / 16, rel=0.03)
+    other = rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 4 / 7).flipped()
+    for bottom, turn in ((FLOOR.flipped(), {}), (other, {}), (other, {"x": 17, "y": 31})):
+        lamp = Shape(np.array([(0.0, 0, 2)]), FLOOR.counts, FLOOR.indices).turned(**turn).points[0]
+        sheets = mesh("Top", FLOOR.turned(**turn)), mesh("Bottom", bottom.turned(**turn))
+        for first, second in (sheets, sheets[::-1]):
+            lit = solved(first + second + point_light(FLUX, lamp))
+            assert means(lit, "/Top")[0] == pytest.approx(FLUX / 6 / 16, rel=0.03)
+            assert lit.stage.back_absorbed == 0
+    around = mesh("Room", box((5, 5, 5), 1.0).flipped(), 0.5) + LAMP
+    one = around + mesh("Top", FLOOR, 0.7, "bool doubleSided = true")
+    two = around + mesh("Bottom", other, 0.7) + mesh("Top", FLOOR, 0.7)
+    for method in ("dept", "composite", "ddl+hpr"):
+        settings = {"photons": 0} if method == "ddl+hpr" else {}
+        expected, found = (means(solved(s, method, **settings), "/Room") for s in (one, two))
+        assert found == pytest.approx(expected, rel=0.03), method
 
 
 @hard_case(

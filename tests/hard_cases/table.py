@@ -5,6 +5,7 @@ from __future__ import annotations
 # Each import enters its cases.
 import hard_cases.luminaires
 import hard_cases.own_luminaires
+import hard_cases.own_stages
 import hard_cases.own_surfaces
 import hard_cases.photon_counts
 import hard_cases.placement

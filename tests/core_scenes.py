@@ -263,7 +263,8 @@ LAMP_HEIGHT, BLOCKER_HEIGHT = 3.0, 1.5  # m
 def shadowed_floor(photons: int, seed: int = 1) -> Traced:
     """A floor under a lamp of 1000 cosθ cd, with the shadow of a blocker: direct light alone.
 
-    No vertex is on the shadow's border. The blocker is black below, so that no light comes by way of the floor.
+    No vertex is on the shadow's border. The blocker is black below, so that no light comes by way
+    of the floor.
     """
     floor = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.1), 0.2)
     blocker = surface(rectangle((-0.48, -0.48, BLOCKER_HEIGHT), (0.9, 0, 0), (0, 0.7, 0), 0.1))

@@ -39,12 +39,19 @@ struct Evidence {
 // Offsets that the filter has flattened more than this are no longer told by what it left.
 constexpr double kFlattened = 4.0;
 
+using HitSums = std::span<const EachHalf<std::uint64_t>>;
+
+std::array<std::uint64_t, 2> half_counts(HitSums hit_sums, std::uint32_t rank, LightPath path) {
+    const auto& before = hit_sums[rank][static_cast<std::size_t>(path)];
+    const auto& after = hit_sums[rank + 1][static_cast<std::size_t>(path)];
+    return {after[0] - before[0], after[1] - before[1]};
+}
+
 class BiasEstimate {
   public:
-    BiasEstimate(const IlluminationMesh& mesh, const VertexKdTree& tree,
-                 const PhotonBuckets& buckets, LightPath path, double photon_flux,
-                 const FilteredIllumination& filtered)
-        : mesh_(mesh), tree_(tree), buckets_(buckets), path_(path), photon_flux_(photon_flux),
+    BiasEstimate(const IlluminationMesh& mesh, const VertexKdTree& tree, HitSums hit_sums,
+                 LightPath path, double photon_flux, const FilteredIllumination& filtered)
+        : mesh_(mesh), tree_(tree), hit_sums_(hit_sums), path_(path), photon_flux_(photon_flux),
           filtered_(filtered), of_vertices_(tree.cells().size()), of_parts_(tree.cells().size()),
           parts_(tree.cells().size()), bias_(tree.vertices().size()) {
         if (!tree.cells().empty()) {
@@ -82,7 +89,7 @@ class BiasEstimate {
         const std::int32_t v = tree_.vertices()[rank];
         Part out;
         out.area = mesh_.areas[v];
-        out.counts = buckets_.half_hit_counts(v, path_);
+        out.counts = half_counts(hit_sums_, rank, path_);
         for (const std::size_t half : {0U, 1U}) {
             const auto& [illuminance, support_area] = filtered_.halves[v][half];
             const auto f = static_cast<double>(illuminance);
@@ -181,7 +188,7 @@ class BiasEstimate {
 
     const IlluminationMesh& mesh_;
     const VertexKdTree& tree_;
-    const PhotonBuckets& buckets_;
+    HitSums hit_sums_;
     LightPath path_;
     double photon_flux_; // lm
     const FilteredIllumination& filtered_;
@@ -190,6 +197,51 @@ class BiasEstimate {
     std::vector<Part> parts_;
     std::vector<double> bias_; // a vertex
 };
+
+// What the mean over a bucket differs from the illuminance at its vertex by, squared; lx².
+std::vector<double> filtered_offset_square(const IlluminationMesh& mesh, const VertexKdTree& tree,
+                                           HitSums hit_sums, LightPath path, double photon_flux,
+                                           const FilteredIllumination& filtered) {
+    const std::size_t n = mesh.areas.size();
+    std::vector<double> means(n), noise(n); // lx, lx² of what a bucket doesn't share
+    std::array<std::vector<double>, 2> halves{std::vector<double>(n), std::vector<double>(n)};
+    for (std::size_t v = 0; v < n; ++v) {
+        if (mesh.areas[v] == 0.0) {
+            continue;
+        }
+        const auto counts = half_counts(hit_sums, tree.rank(static_cast<std::int32_t>(v)), path);
+        means[v] = luminance(filtered.illuminance[v].as<double>());
+        for (const std::size_t half : {0U, 1U}) {
+            halves[half][v] = 2.0 * photon_flux * static_cast<double>(counts[half]) / mesh.areas[v];
+            // Two discs of radius r whose centres are h apart have all but 2 h / (pi r) in common,
+            // for supports of so many buckets all but the root of their number.
+            const auto& [of_half, support_area] = filtered.halves[v][half];
+            if (support_area > 0.0) {
+                noise[v] += 0.5 * photon_flux * static_cast<double>(of_half) / support_area *
+                            std::sqrt(std::min(1.0, mesh.areas[v] / support_area));
+            }
+        }
+    }
+    const std::vector<double> offsets = bucket_offset(mesh, means);
+    std::vector<double> out = offset_square(mesh, offsets);
+    // The filter flattens offsets, too. What they are without it, two halves of the photons know
+    // that are independent, if not of single vertices.
+    const std::vector<double> first = bucket_offset(mesh, halves[0]);
+    const std::vector<double> second = bucket_offset(mesh, halves[1]);
+    double unfiltered = 0.0, spread = 0.0, left = 0.0; // m² lx², m⁴ lx⁴, m² lx²
+    for (std::size_t v = 0; v < n; ++v) {
+        const double square = mesh.areas[v] * first[v] * second[v];
+        unfiltered += square;
+        spread += square * square;
+        left += mesh.areas[v] * (offsets[v] * offsets[v] - 0.5 * kOffsetNoise * noise[v]);
+    }
+    const double certain = unfiltered - std::sqrt(spread);
+    const double flattened = left > 0.0 ? std::clamp(certain / left, 1.0, kFlattened) : 1.0;
+    for (std::size_t v = 0; v < n; ++v) {
+        out[v] = flattened * std::max(0.0, out[v] - kOffsetNoise * noise[v]);
+    }
+    return out;
+}
 
 } // namespace
 
@@ -208,16 +260,13 @@ FilteredSquares filtered_squares(const std::array<double, 2>& filtered_halves,
     return out;
 }
 
-std::vector<float> filter_error(const IlluminationMesh& mesh, const VertexKdTree& tree,
-                                const PhotonBuckets& buckets, LightPath path, double photon_flux,
-                                const FilteredIllumination& filtered) {
-    const BiasEstimate estimate(mesh, tree, buckets, path, photon_flux, filtered);
-    const FilteredLight light{path, filtered};
-    const std::vector<double> offset =
-        filtered_offset_square(mesh, buckets, photon_flux, {&light, 1});
-    std::vector<float> out(mesh.areas.size());
-    for (std::size_t v = 0; v < out.size(); ++v) {
-        double square = offset[v];
+FilterError filter_error(const IlluminationMesh& mesh, const VertexKdTree& tree, HitSums hit_sums,
+                         LightPath path, double photon_flux, const FilteredIllumination& filtered) {
+    const BiasEstimate estimate(mesh, tree, hit_sums, path, photon_flux, filtered);
+    FilterError out;
+    out.offset = filtered_offset_square(mesh, tree, hit_sums, path, photon_flux, filtered);
+    out.square = out.offset;
+    for (std::size_t v = 0; v < out.square.size(); ++v) {
         for (const auto& [illuminance, support_area] : filtered.halves[v]) {
             if (support_area > 0.0) {
                 // Where n photons are counted, the mean count has the variance n + 1 if all means
@@ -226,57 +275,9 @@ std::vector<float> filter_error(const IlluminationMesh& mesh, const VertexKdTree
                 const double variance =
                     0.25 * share * (static_cast<double>(illuminance) + 0.5 * share);
                 const double others = 1.0 - std::min(1.0, mesh.areas[v] / support_area);
-                square += variance * (1.0 + estimate.bias()[v] * others);
+                out.square[v] += variance * (1.0 + estimate.bias()[v] * others);
             }
         }
-        out[v] = static_cast<float>(std::sqrt(square));
-    }
-    return out;
-}
-
-std::vector<double> filtered_offset_square(const IlluminationMesh& mesh,
-                                           const PhotonBuckets& buckets, double photon_flux,
-                                           std::span<const FilteredLight> light) {
-    const std::size_t n = mesh.areas.size();
-    std::vector<double> means(n), noise(n); // lx, lx² of what a bucket doesn't share
-    std::array<std::vector<double>, 2> halves{std::vector<double>(n), std::vector<double>(n)};
-    for (const auto& [path, filtered] : light) {
-        for (std::size_t v = 0; v < n; ++v) {
-            if (mesh.areas[v] == 0.0) {
-                continue;
-            }
-            const auto counts = buckets.half_hit_counts(static_cast<std::int32_t>(v), path);
-            means[v] += luminance(filtered.illuminance[v].as<double>());
-            for (const std::size_t half : {0U, 1U}) {
-                halves[half][v] +=
-                    2.0 * photon_flux * static_cast<double>(counts[half]) / mesh.areas[v];
-                // Two discs of radius r whose centres are h apart have all but 2 h / (pi r) in
-                // common, for supports of so many buckets all but the root of their number.
-                const auto& [of_half, support_area] = filtered.halves[v][half];
-                if (support_area > 0.0) {
-                    noise[v] += 0.5 * photon_flux * static_cast<double>(of_half) / support_area *
-                                std::sqrt(std::min(1.0, mesh.areas[v] / support_area));
-                }
-            }
-        }
-    }
-    const std::vector<double> offsets = bucket_offset(mesh, means);
-    std::vector<double> out = offset_square(mesh, offsets);
-    // The filter flattens offsets, too. What they are without it, two halves of the photons know
-    // that are independent, if not of single vertices.
-    const std::vector<double> first = bucket_offset(mesh, halves[0]);
-    const std::vector<double> second = bucket_offset(mesh, halves[1]);
-    double unfiltered = 0.0, spread = 0.0, filtered = 0.0; // m² lx², m⁴ lx⁴, m² lx²
-    for (std::size_t v = 0; v < n; ++v) {
-        const double square = mesh.areas[v] * first[v] * second[v];
-        unfiltered += square;
-        spread += square * square;
-        filtered += mesh.areas[v] * (offsets[v] * offsets[v] - 0.5 * kOffsetNoise * noise[v]);
-    }
-    const double certain = unfiltered - std::sqrt(spread);
-    const double flattened = filtered > 0.0 ? std::clamp(certain / filtered, 1.0, kFlattened) : 1.0;
-    for (std::size_t v = 0; v < n; ++v) {
-        out[v] = flattened * std::max(0.0, out[v] - kOffsetNoise * noise[v]);
     }
     return out;
 }

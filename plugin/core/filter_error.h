@@ -12,6 +12,7 @@
 #include "core/illumination_filter.h"
 #include "core/illumination_mesh.h"
 #include "core/photon_buckets.h"
+#include "core/support_selection.h"
 #include "core/vertex_kdtree.h"
 
 namespace isolux {
@@ -33,19 +34,15 @@ FilteredSquares filtered_squares(const std::array<double, 2>& filtered_halves,
                                  const std::array<std::uint64_t, 2>& half_counts,
                                  double lux_a_photon);
 
-// lx, photometric, one a vertex.
-std::vector<float> filter_error(const IlluminationMesh& mesh, const VertexKdTree& tree,
-                                const PhotonBuckets& buckets, LightPath path, double photon_flux,
-                                const FilteredIllumination& filtered);
-
-// lx², one a vertex: square of what the mean over its bucket differs from the illuminance at it by,
-// for the sum of some light.
-struct FilteredLight {
-    LightPath path;
-    const FilteredIllumination& filtered;
+// Square error of filtered light, one entry a vertex, lx², photometric.
+struct FilterError {
+    std::vector<double> square; // all of it
+    std::vector<double> offset; // of it, what the mean over the bucket differs from the vertex by
 };
-std::vector<double> filtered_offset_square(const IlluminationMesh& mesh,
-                                           const PhotonBuckets& buckets, double photon_flux,
-                                           std::span<const FilteredLight> light);
+
+// hit_sums : of all vertices of lower rank in the tree
+FilterError filter_error(const IlluminationMesh& mesh, const VertexKdTree& tree,
+                         std::span<const EachHalf<std::uint64_t>> hit_sums, LightPath path,
+                         double photon_flux, const FilteredIllumination& filtered);
 
 } // namespace isolux

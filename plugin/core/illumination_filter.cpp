@@ -290,20 +290,25 @@ std::array<FilteredIllumination, 2> IlluminationFilter::filter(const PhotonBucke
 
     std::array<FilteredIllumination, 2> out;
     for (auto& filtered : out) {
-        filtered = {std::vector<FilteredIllumination::Halves>(n),
-                    std::vector<Vec3f>(n),
-                    {},
-                    std::vector<float>(n)};
+        filtered.halves.resize(n);
+        filtered.illuminance.resize(n);
+        filtered.support_radius.resize(n);
     }
     parallel_for(threads, blocks_.size(), [&](std::size_t block) {
         BlockFilter(tree_, tree_.cells()[blocks_[block]], reflectance_, sums, criteria,
                     settings.sharing)
             .filter(out);
     });
-    for (const LightPath path : kLightPaths) {
-        FilteredIllumination& filtered = out[static_cast<std::size_t>(path)];
-        filtered.standard_error = filter_error(mesh_, tree_, buckets, path, photon_flux, filtered);
-    }
+    parallel_for(threads, kLightPaths.size(), [&](std::size_t path) {
+        FilteredIllumination& filtered = out[path];
+        const FilterError error =
+            filter_error(mesh_, tree_, sums.hits, kLightPaths[path], photon_flux, filtered);
+        const auto root = [](double square) { return static_cast<float>(std::sqrt(square)); };
+        filtered.standard_error.resize(n);
+        filtered.offset.resize(n);
+        std::ranges::transform(error.square, filtered.standard_error.begin(), root);
+        std::ranges::transform(error.offset, filtered.offset.begin(), root);
+    });
     return out;
 }
 

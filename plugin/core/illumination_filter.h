@@ -33,6 +33,7 @@ struct FilteredIllumination {
     std::vector<Halves> halves;
     std::vector<Vec3f> illuminance;    // lx by channel; luminance: the mean of the halves
     std::vector<float> standard_error; // lx, photometric, bias included: see filter_error
+    std::vector<float> offset;         // lx, of it, by the mean over a bucket for a vertex
     std::vector<float> support_radius; // m; 0 where the own bucket suffices
 };
 

@@ -17,6 +17,8 @@ struct Sums {
     }
 };
 
+double square(float x) { return static_cast<double>(x) * static_cast<double>(x); }
+
 // n times the variance of the mean count of a batch, thus the variance of the sum of all.
 double batch_variance(const std::array<std::uint32_t, kBatches>& a,
                       const std::array<std::uint32_t, kBatches>& b) {
@@ -48,11 +50,6 @@ FilteredSquares bucket_squares(const FilteredIllumination::Halves& halves,
 RmsErrors rms_errors(const IlluminationMesh& mesh, const PhotonBuckets& buckets, double photon_flux,
                      const FilteredIllumination& direct, const FilteredIllumination& indirect) {
     Sums bucket_total, bucket_indirect, batch, filtered_total, filtered_indirect;
-    const std::array both{FilteredLight{LightPath::direct, direct},
-                          FilteredLight{LightPath::indirect, indirect}};
-    const std::vector<double> offset = filtered_offset_square(mesh, buckets, photon_flux, both);
-    const std::vector<double> offset_indirect =
-        filtered_offset_square(mesh, buckets, photon_flux, std::span(both).last(1));
     for (std::size_t v = 0; v < mesh.areas.size(); ++v) {
         const double area = mesh.areas[v];
         if (area == 0.0) {
@@ -86,11 +83,14 @@ RmsErrors rms_errors(const IlluminationMesh& mesh, const PhotonBuckets& buckets,
         const double f = d.filtered + i.filtered;
         const double with_truth =
             d.with_truth + i.with_truth + d.filtered * hits_indirect + i.filtered * hits_direct;
-        add(filtered_total, hits, f * f - 2.0 * with_truth + hits * (hits - e) + offset[v],
+        const double offset_direct = square(direct.offset[v]);
+        const double offset_indirect = square(indirect.offset[v]);
+        add(filtered_total, hits,
+            f * f - 2.0 * with_truth + hits * (hits - e) + offset_direct + offset_indirect,
             d.noise + i.noise);
         add(filtered_indirect, hits_indirect,
             i.filtered * i.filtered - 2.0 * i.with_truth + hits_indirect * (hits_indirect - e) +
-                offset_indirect[v],
+                offset_indirect,
             i.noise);
     }
     return {bucket_total.relative(), bucket_indirect.relative(), batch.relative(),

@@ -359,6 +359,7 @@ def poisson_row(counts: NDArray[np.uint64]) -> tuple[float, float] | None:
 
 
 def measure(name: str, case: Case, seeds: int, photon_counts: Sequence[int]) -> Iterator[Row]:
+    made_by = commit()  # now: a long run outlasts a commit
     areas = case.core.vertex_areas
     truths = {
         "direct": (case.direct, case.direct_noise),
@@ -389,7 +390,7 @@ def measure(name: str, case: Case, seeds: int, photon_counts: Sequence[int]) -> 
             buckets = _core.PhotonBuckets(case.core)
             _core.trace_photons(case.core, buckets, seed, 0, photons, 1)
             counts.setdefault(photons, []).append(buckets.hit_counts)
-    fixed = {"case": name, "nominal": NOMINAL, "commit": commit()}
+    fixed = {"case": name, "nominal": NOMINAL, "commit": made_by}
     for (stage, component, part), coverage in found.items():
         settings = stage.partition(", ")[2] or "default"
         for quantity, values in coverage.rows():

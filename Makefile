@@ -18,7 +18,7 @@ CORE_TESTS := $(addprefix tests/test_,authored_mesh.py candela_distribution.py c
 	diagram.py direct_lighting.py eulumdat.py fuzz_corpus.py ies.py illumination_filter.py \
 	illumination_mesh.py infinite_lights.py light_linking.py mesh_lights.py mesh_refinement.py \
 	photon_tracer.py poisson_interval.py progressive_radiosity.py ray_caster.py shared_trees.py \
-	sparse_gather.py subdivision.py subdivision_reader.py tone_mapping.py triangulation.py) \
+	final_gather.py subdivision.py subdivision_reader.py tone_mapping.py triangulation.py) \
 	$(addprefix tests/physics/test_,infinite_light.py light_links.py mesh_light.py opacity.py \
 	reproducible_bits.py subdivided_room.py) \
 	$(addprefix tests/properties/test_any_,count.py geometry.py photometry.py)

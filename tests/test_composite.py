@@ -32,7 +32,7 @@ class SimulatedRun:
 
     @property
     def indirect_error(self):
-        return 100 / math.sqrt(max(1, self.photons))
+        return 300 / math.sqrt(max(1, self.photons))
 
     @property
     def direct_holds_back(self):

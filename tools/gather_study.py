@@ -1,9 +1,10 @@
-"""Error of indirect light against processor time: filtered photons, buckets, sparse gather.
+"""Error of indirect light against processor time: filtered photons, buckets, final gather.
 
     python tools/gather_study.py STAGE... [--vertices M]
 
 The truth is path-traced at vertices drawn by area; errors are relative to the mean indirect
-illuminance, "of total" to the mean of all light. Seconds are of one thread, photons included.
+illuminance, "of total" to the mean of all light. Seconds are of one thread, photons included,
+direct light left out.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from reference import INDIRECT, TOTAL, path_traced_reference
 
 from isolux import _core
+from isolux.components import DirectLight
 from isolux.settings import SolverSettings
 from isolux.solution import LUMINANCE_WEIGHTS
 from isolux.solver import build_core_scene
@@ -33,14 +35,18 @@ def study(stage: Path, vertices: int, cache: Path | None) -> None:
     share = indirect / float(np.mean(reference.luminance_pair(TOTAL)[0]))
     areas = core.vertex_areas
     print(f"\n{stage.name}: {core.vertex_count} vertices, {share:.0%} of the light is indirect")
-    print("method    photons      rays  records  seconds  indirect  of total  reported")
+    print("method    photons      rays  seconds  indirect  of total  reported")
+
+    direct, _ = DirectLight(core, SolverSettings(), 1).at_vertices(
+        np.zeros(core.vertex_count, np.float32), lambda share: None
+    )
 
     def row(method: str, photons: int, found: dict, values: np.ndarray, seconds: float) -> None:
         error = reference.error(np.zeros_like(values), values, INDIRECT).rms
         mean = float(areas @ (values @ LUMINANCE_WEIGHTS) / areas.sum())
         reported = found.get("rms_error_indirect", found.get("indirect_rms", 0.0) / mean)
         print(
-            f"{method:8}{photons:9}{found.get('rays', 0):10}{found.get('records', 0):9}"
+            f"{method:8}{photons:9}{found.get('rays', 0):10}"
             f"{seconds:9.2f}{error:10.2%}{error * share:10.2%}{reported:10.2%}",
             flush=True,
         )
@@ -61,8 +67,9 @@ def study(stage: Path, vertices: int, cache: Path | None) -> None:
         in_buckets = np.ascontiguousarray(light[:, 1])
         for rays in RAYS:
             started = time.process_time()
-            gather = _core.SparseGather(core, 1)
-            found = gather.advance(total, rays, 1, in_buckets, core.luminous_flux / photons)
+            gather = _core.FinalGather(core, 1)
+            flux = core.luminous_flux / photons
+            found = gather.advance(total, rays, 1, in_buckets, flux, direct)
             seconds = traced + time.process_time() - started
             row("gather", photons, found, found["indirect"], seconds)
 

@@ -8,7 +8,7 @@ void bind_photometry(nanobind::module_& module);
 void bind_progressive_radiosity(nanobind::module_& module);
 void bind_ray_caster(nanobind::module_& module);
 void bind_solver(nanobind::module_& module);
-void bind_sparse_gather(nanobind::module_& module);
+void bind_final_gather(nanobind::module_& module);
 void bind_subdivision(nanobind::module_& module);
 void bind_tone_mapping(nanobind::module_& module);
 
@@ -23,6 +23,6 @@ NB_MODULE(_core, module) {
     bind_direct_lighting(module);
     bind_mesh_refinement(module);
     bind_progressive_radiosity(module);
-    bind_sparse_gather(module);
+    bind_final_gather(module);
     bind_subdivision(module);
 }

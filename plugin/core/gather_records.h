@@ -4,44 +4,54 @@
 // What a ray hits does not depend on the light, so it is kept: with new exitances a record's
 // illuminance costs look-ups, not rays.
 //
-// A bucket's mean says little of a point that is nearer than the bucket is wide: there a ray
-// bounces once more, and the light straight from the luminaires is that of the point [Jensen 2001,
-// §9.2.2: secondary rays where distances are short].
+// A vertex says little of a point that is nearer to the receiver than the next vertex: from there a
+// ray bounces on until it has come far enough, and where direct light isn't smooth it is that of
+// the points [Jensen 2001, §9.2.2: secondary rays where distances are short].
 #pragma once
 
 #include <cstdint>
 #include <span>
 #include <vector>
 
+#include "core/bright_patches.h"
 #include "core/luminaire_illuminance.h"
 #include "core/random.h"
 #include "core/scene.h"
 
 namespace isolux {
 
-// What a ray meets that hits nearby.
+// What a ray meets that hits nearby, until it hits far away.
 struct NearHit {
-    Vec3f direct;      // lm/m² by channel, exitance by light straight from the luminaires
-    Vec3f reflectance; // of the point that was hit
-    std::int32_t hit;  // of the ray that goes on from there, as in GatherRecord
+    Vec3f direct;     // lm/m² by channel, exitance by light straight from the luminaires
+    Vec3f share;      // of the last hit's exitance
+    std::int32_t hit; // the last: a vertex, or -1: black
 };
 
 struct GatherRecord {
     std::int32_t vertex = 0;
-    // A ray: the vertex whose bucket it hits; -1: black; -2 - i: near hit i.
+    // A ray: what it looks up, a vertex or, beyond these, a bright patch up to the cap; -1: black;
+    // -2 - i: near hit i.
     std::vector<std::int32_t> hits;
+    std::vector<BrightHit> bright_hits;
     std::vector<NearHit> near_hits;
-    double inverse_distances = 0.0; // 1/m, summed over the rays
+    std::uint32_t further_rays = 0; // that near hits took
     // Of the latest exitances:
     Vec3f illuminance;         // lx by channel
     double ray_variance = 0.0; // lx², photometric, of one ray
+    double bright_noise = 0.0; // lx², of the light of bright patches
     // Squared differences of the halves of the sequence over 4, and the mean of those of the
     // quarters: from these it shows how fast the error falls.
     double half_square = 0.0, quarter_square = 0.0;
 
     std::uint32_t rays() const { return static_cast<std::uint32_t>(hits.size()); }
-    // With those that near hits cost: one to go on, one to a luminaire.
-    std::uint64_t all_rays() const { return hits.size() + 2 * near_hits.size(); }
+    std::uint64_t all_rays() const { return hits.size() + bright_hits.size() + further_rays; }
+};
+
+// What is known of the light for rays to find their way by.
+struct VertexLight {
+    const BrightPatches& bright;
+    std::span<const Vec3f> direct;       // lx by channel, one a vertex
+    std::span<const std::uint8_t> rough; // whether it isn't linear from this vertex to the next
 };
 
 class RecordTracer {
@@ -49,10 +59,17 @@ class RecordTracer {
     RecordTracer(const Scene& scene, std::uint64_t seed);
 
     // Adds rays to a record, the next of its Owen-scrambled Sobol sequence: up to `rays` in all.
-    void trace(const Receiver& receiver, std::uint32_t rays, GatherRecord& record) const;
+    void trace(const Receiver& receiver, std::uint32_t rays, const VertexLight& light,
+               GatherRecord& record) const;
 
   private:
-    NearHit near_hit(const Receiver& at, const Vec3f& reflectance, PhotonRandom& random) const;
+    struct Point;
+    Point hit_point(const Ray& ray, PhotonRandom& random) const;
+    bool is_near(const Point& point, const VertexLight& light) const;
+    NearHit follow(Point point, const VertexLight& light, PhotonRandom& random,
+                   std::uint32_t& rays) const;
+    Vec3f direct_at(const Point& point, const Receiver& at, const VertexLight& light,
+                    PhotonRandom& random, std::uint32_t& rays) const;
     Vec3f direct_illuminance(const Receiver& at, PhotonRandom& random) const;
 
     const Scene& scene_;
@@ -60,12 +77,16 @@ class RecordTracer {
     std::vector<LuminaireIlluminance> luminaires_;
 };
 
-// Exitance by channel, lm/m², one a vertex: what a record sees.
+// Exitance by channel, lm/m²: what a record sees.
 struct Exitance {
     float x, y, z, unused;
 };
+struct Exitances {
+    std::vector<Exitance> seen; // of each vertex, then of each bright patch up to the cap
+    std::vector<Vec3f> above;   // of each bright patch, what is above
+};
 
 // Looks up what the record's rays hit.
-void look_up(std::span<const Exitance> exitances, GatherRecord& record);
+void look_up(const Exitances& exitances, GatherRecord& record);
 
 } // namespace isolux

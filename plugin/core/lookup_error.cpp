@@ -32,7 +32,7 @@ double lookup_error(const IlluminationMesh& mesh, std::span<const GatherRecord> 
         const GatherRecord& record = records[r];
         hit.clear();
         for (const std::int32_t v : record.hits) {
-            if (v >= 0 && counts[v]++ == 0) {
+            if (v >= 0 && static_cast<std::size_t>(v) < counts.size() && counts[v]++ == 0) {
                 hit.push_back(v);
             }
         }

@@ -291,19 +291,22 @@ class IndirectLight:
     rays: int
 
 
-class SparseGather:
-    """Final gather over the light that photons left.
+class FinalGather:
+    """Final gather over direct light, its own reflections, and the light that photons left.
 
     Departure: the paper traces and filters photons to the end (IDEPT).
     """
 
     def __init__(self, scene: _core.Scene, settings: SolverSettings, threads: int) -> None:
         self._scene = scene
-        self._gather = _core.SparseGather(scene, settings.seed)
+        self._gather = _core.FinalGather(scene, settings.seed)
         self._threads = threads
 
-    def gather(self, photons: PhotonTracing, ray_budget: int) -> IndirectLight:
-        """Indirect light by about so many more rays, each looking up the light of all photons."""
+    def gather(self, photons: PhotonTracing, direct: Array, ray_budget: int) -> IndirectLight:
+        """Indirect light by about so many more rays.
+
+        direct : (V, 3), at the vertices
+        """
         buckets: Array = photons.buckets.illuminance(self._scene)
         found = self._gather.advance(
             np.ascontiguousarray(buckets.sum(axis=1)),
@@ -311,6 +314,7 @@ class SparseGather:
             self._threads,
             np.ascontiguousarray(buckets[:, 1]),
             photons.photon_flux,
+            direct,
         )
         return IndirectLight(
             found["indirect"], found["standard_error"], found["indirect_rms"], found["rays"]

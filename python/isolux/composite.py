@@ -17,11 +17,13 @@ from .switchover import LEAST_PILOT_SECONDS, pilot_seconds, switchover_photons
 
 # Below so many polygons radiosity is the faster way to the indirect light [Volevich 2000, §3.2].
 RADIOSITY_POLYGONS = 500
-# Gathered rays for each photon: with as many the error per second is least (tools/gather_study.py).
-GATHER_RAYS_PER_PHOTON = 10
+# Gathered rays for each photon. Office, 3 million rays: over 0.3 and over 4.3 million photons the
+# error of indirect light is 9.7 and 9.6 %.
+GATHER_RAYS_PER_PHOTON = 30
+# The fewest that a gather takes, a vertex.
+LEAST_GATHER_RAYS = 4
 # How much longer each finer pass over direct light takes; it may take half of what is left.
 FINER_DIRECT_SECONDS = 2
-LEAST_GATHER_RAYS = 1 << 14
 # Rays of the first step of radiosity; they double from step to step.
 FIRST_RADIOSITY_RAYS = 1 << 14
 
@@ -179,7 +181,7 @@ def _photon_steps(run: Run, component: Component, stages: int) -> Iterator[Stage
 
 def _gather_steps(run: Run, stages: int) -> Iterator[StagePlan]:
     """Photons, and a gather over their light, until a stopping criterion."""
-    gathered = 0
+    gathered, least = 0, LEAST_GATHER_RAYS * run.vertices
     for goal in stage_goals(run.settings, stages):
         all_but_reached = goal.photons < 1.25 * run.photons or goal.seconds < 1.25 * run.elapsed
         if all_but_reached and not goal.last:
@@ -198,7 +200,7 @@ def _gather_steps(run: Run, stages: int) -> Iterator[StagePlan]:
             rays = left / ray
         run.trace_until(StageGoal(photons, goal.seconds, goal.last), "gather")
         rays = min(rays, GATHER_RAYS_PER_PHOTON * run.photons - gathered)
-        step = StagePlan("gather", run.photons, max(LEAST_GATHER_RAYS, math.ceil(rays)))
+        step = StagePlan("gather", run.photons, max(least, math.ceil(rays)))
         gathered += step.rays
         yield step
 

@@ -27,10 +27,10 @@ from .components import (
     Cancelled,
     DirectLight,
     FilteredLight,
+    FinalGather,
     IndirectLight,
     PhotonTracing,
     Radiosity,
-    SparseGather,
     photometric,
 )
 from .composite import chosen_method, steps
@@ -101,7 +101,7 @@ class ProgressiveSolver:
         self._filtered_photons = 0
         self._bucket_errors = BucketErrors()
         self._mesh: AdaptiveMesh | None = None
-        self._gather: SparseGather | None = None
+        self._gather: FinalGather | None = None
         self._radiosity: Radiosity | None = None
         self._refined: tuple[RefinedMesh, Array, Array] | None = None
         self._steps: list[StagePlan] = []
@@ -329,8 +329,8 @@ class ProgressiveSolver:
     def _gather_indirect(self, step: StagePlan) -> None:
         """Indirect light gathered from what the photons left."""
         if self._gather is None:
-            self._gather = SparseGather(self._core_scene, self.settings, self._threads)
-        self._take_indirect(self._gather.gather(self._photons, step.rays))
+            self._gather = FinalGather(self._core_scene, self.settings, self._threads)
+        self._take_indirect(self._gather.gather(self._photons, self._light.direct, step.rays))
 
     def _shoot(self, step: StagePlan) -> None:
         """HPR: indirect light by radiosity."""

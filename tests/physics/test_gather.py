@@ -17,7 +17,7 @@ WEIGHTS = [0.2126, 0.7152, 0.0722]
 def gathered(traced, illuminance, rays, seed=1):
     """indirect (V,) lx, and the rest. illuminance : (V,) lx that falls on each vertex"""
     cache = np.repeat(np.asarray(illuminance, np.float32)[:, None], 3, axis=1)
-    found = _core.SparseGather(traced.scene, seed).advance(cache, rays, 2)
+    found = _core.FinalGather(traced.scene, seed).advance(cache, rays, 2)
     return found["indirect"] @ WEIGHTS, found
 
 
@@ -138,3 +138,60 @@ def test_a_floor_of_two_triangles_reflects_the_pool_of_light_on_it():
     off = found[front] - expected
     rms = np.sqrt(np.average(off**2, weights=traced.areas[front]))
     assert rms < 0.05 * np.mean(expected)
+
+
+def gathered_from_direct(traced, light, rays):
+    """As from photons without number; light : (V,) lx, that comes straight from the luminaires"""
+    direct = np.repeat(np.asarray(light, np.float32)[:, None], 3, axis=1)
+    gather = _core.FinalGather(traced.scene, 1)
+    found = gather.advance(direct, rays, 2, np.zeros_like(direct), 1e-9, direct)
+    return found["indirect"] @ WEIGHTS, found
+
+
+def form_factors(position, normal, points, facing, areas):
+    """(n,) of points to each position, by their sum. position, normal : (3,); points : (n, 3)"""
+    to = points - position
+    squared = (to**2).sum(axis=1)
+    cosines = np.maximum(0.0, to @ normal) * np.maximum(0.0, -(to @ facing))
+    return (cosines / squared**2 * areas).sum() / np.pi
+
+
+def test_a_bright_spot_is_seen_by_few_rays():
+    """A hundredth of a thousandth of the hemisphere: most vertices' rays miss it."""
+    floor = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.25), 0.0)
+    spot = surface(rectangle((-0.01, -0.01, 2), (0, 0.02, 0), (0.02, 0, 0), 0.005), 0.5)
+    traced = trace([floor, spot], [luminaire(at=(0, 0, 0.5))], 1000)
+    at_floor = traced.front(0)
+    light = np.zeros(len(traced.areas))
+    light[traced.front(1)] = 1e6
+    found, reported = gathered_from_direct(traced, light, 16 * len(light))
+    down, up = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
+    expected = [
+        0.5e6 * form_factors(p, up, np.array([[0.0, 0.0, 2.0]]), down, 0.02**2)
+        for p in traced.scene.receiver_positions[at_floor]
+    ]
+    assert found[at_floor] == pytest.approx(expected, rel=0.01)
+    assert reported["indirect_rms"] < 0.01 * np.mean(expected)
+
+
+def test_a_vertex_in_the_foot_of_a_column_does_not_darken_the_floor_around_it():
+    floor = surface(rectangle((-1, -1, 0), (2, 0, 0), (0, 2, 0), 1.0), 0.5)
+    foot = surface(box((0.4, 0.4, 0.02), 0.4).moved(z=0.01), 0.0)
+    ceiling = surface(rectangle((-1, -1, 1), (0, 2, 0), (2, 0, 0), 0.25), 0.0)
+    traced = trace([floor, foot, ceiling], [luminaire(at=(0.5, 0.5, 0.9))], 1000)
+    at_floor, at_ceiling = traced.front(0), traced.front(2)
+    place = traced.scene.receiver_positions[at_floor]
+    light = np.zeros(len(traced.areas))
+    light[at_floor] = np.where(np.abs(place[:, :2]).max(axis=1) > 0.2, 100.0, 0.0)
+    assert (light[at_floor] == 0).sum() == 1
+    found, _ = gathered_from_direct(traced, light, 1_000 * len(light))
+    x = (np.arange(200) + 0.5) / 100 - 1
+    a, b = (grid.ravel() for grid in np.meshgrid(x, x))
+    seen = np.maximum(np.abs(a), np.abs(b)) > 0.2
+    points = np.stack([a, b, 0 * a], axis=1)[seen]
+    up = np.array([0.0, 0.0, 1.0])
+    expected = [
+        50 * form_factors(p, -up, points, up, 0.01**2)
+        for p in traced.scene.receiver_positions[at_ceiling]
+    ]
+    assert found[at_ceiling] == pytest.approx(expected, rel=0.03)

@@ -143,7 +143,7 @@ def test_indirect_light_is_what_lit_surfaces_reflect(links):
     found = radiosity.indirect(scene.receiver_positions, scene.vertex_normals, 2)
     assert means(found["illuminance"] @ LUMINANCE_WEIGHTS) == pytest.approx(truth, rel=0.04)
     total = np.ascontiguousarray(tracing.buckets.illuminance(scene).sum(axis=1))
-    gathered = _core.SparseGather(scene, 1).advance(total, 500_000, 2)
+    gathered = _core.FinalGather(scene, 1).advance(total, 500_000, 2)
     assert means(gathered["indirect"] @ LUMINANCE_WEIGHTS) == pytest.approx(truth, rel=0.04)
 
 

@@ -167,7 +167,7 @@ def test_radiosity_and_gather_agree_with_photons_behind_a_screen(room):
     assert means(traced, found["illuminance"] @ LUMINANCE_WEIGHTS) == pytest.approx(truth, rel=0.03)
 
     total = np.ascontiguousarray(traced.buckets.illuminance(scene).sum(axis=1))
-    gathered = _core.SparseGather(scene, 1).advance(total, 1_000_000, 2)
+    gathered = _core.FinalGather(scene, 1).advance(total, 1_000_000, 2)
     assert means(traced, gathered["indirect"] @ LUMINANCE_WEIGHTS) == pytest.approx(truth, rel=0.03)
 
 

@@ -1,4 +1,4 @@
-"""The sparse gather as a component: what it is given, what it hands back."""
+"""The final gather as a component: what it is given, what it hands back."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_buckets_tell_the_illuminance_of_their_hits(traced):
 def test_one_and_two_threads_give_the_same_bits(traced):
     outcomes = []
     for threads in (1, 2):
-        gather = _core.SparseGather(traced.scene, 3)
+        gather = _core.FinalGather(traced.scene, 3)
         found = [
             gather.advance(
                 cache_of(traced), budget, threads, indirect_buckets(traced), traced.photon_flux
@@ -51,7 +51,7 @@ def test_one_and_two_threads_give_the_same_bits(traced):
 
 
 def test_the_budget_is_spent_and_kept(traced):
-    gather = _core.SparseGather(traced.scene, 3)
+    gather = _core.FinalGather(traced.scene, 3)
     for budget in (6_400, 12_800, 200_000):
         rays = gather.advance(cache_of(traced), budget, 2)["rays"]
         assert budget <= rays < 1.1 * budget
@@ -59,7 +59,7 @@ def test_the_budget_is_spent_and_kept(traced):
 
 def test_rays_are_kept_for_the_next_light(traced):
     """Without a further ray, other photons' light is looked up where the first rays hit."""
-    gather = _core.SparseGather(traced.scene, 3)
+    gather = _core.FinalGather(traced.scene, 3)
     first = gather.advance(cache_of(traced), 20_000, 2)
     dark = gather.advance(np.zeros_like(cache_of(traced)), 0, 2)
     again = gather.advance(cache_of(traced), 0, 2)
@@ -75,14 +75,14 @@ def test_degenerate_vertices_are_left_dark():
     floor.face_vertex_indices[:] = corners
     sky = surface(rectangle((-1, -1, 1), (0, 2, 0), (2, 0, 0), 0.5), GREY)
     traced = trace([floor, sky], [luminaire(at=(0, 0, 0.5))], 10_000)
-    found = _core.SparseGather(traced.scene, 1).advance(cache_of(traced), 20_000, 2)
+    found = _core.FinalGather(traced.scene, 1).advance(cache_of(traced), 20_000, 2)
     degenerate = ~traced.scene.vertex_normals.any(axis=1)
     assert (found["indirect"][degenerate] == 0).all()
     assert np.isfinite(found["indirect"]).all()
 
 
 def test_wrong_lengths_are_refused(traced):
-    gather = _core.SparseGather(traced.scene, 3)
+    gather = _core.FinalGather(traced.scene, 3)
     with pytest.raises(ValueError, match="one row a vertex"):
         gather.advance(np.zeros((3, 3), np.float32), 1000, 2)
     with pytest.raises(ValueError, match="one row a vertex"):
@@ -94,7 +94,7 @@ def test_a_scene_without_a_usable_vertex_has_no_light():
     needle.points[:] = 0.0
     sphere = surface(icosphere(0), GREY)
     scene = build([needle, sphere], [luminaire(at=(0, 0, 3))])
-    found = _core.SparseGather(scene, 1).advance(
+    found = _core.FinalGather(scene, 1).advance(
         np.zeros((scene.vertex_count, 3), np.float32), 1000, 2
     )
     assert not found["indirect"].any()
@@ -104,7 +104,7 @@ def test_other_photons_change_the_light_within_its_error(traced):
     results = []
     for seed in (1, 2):
         other = retrace(traced, 50_000, seed)
-        gather = _core.SparseGather(traced.scene, seed)
+        gather = _core.FinalGather(traced.scene, seed)
         results.append(gather.advance(cache_of(other), 40_000, 2))
     a, b = (r["indirect"] @ [0.2126, 0.7152, 0.0722] for r in results)
     rms = np.sqrt(np.average((a - b) ** 2, weights=traced.areas))

@@ -1,0 +1,387 @@
+#include "core/final_gather.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+#include "core/lookup_error.h"
+#include "core/parallel.h"
+
+namespace isolux {
+namespace {
+
+// Rays of a vertex to begin with, and the fewest where the budget is small.
+constexpr std::uint32_t kFirstRays = 16, kFewestRays = 4;
+// Rays that a record is thought to have beside its own, of the variance of all records: one whose
+// few rays missed the one bright spot that it sees would look exact.
+constexpr double kPooledRays = 1.0;
+// Of the mean gain of a ray, below which it had better wait for what others tell.
+constexpr double kLeastGain = 0.1;
+// Reflections by looking up what was gathered; at first, and later when most is known.
+constexpr int kReflections = 3;
+// Square deviation of photons from what is known, in their variances, that is put down to chance.
+constexpr double kChance = 2.0;
+// Photons that a side of a mesh is thought to have beside its own, as many as are expected.
+constexpr double kPhotonsOfSide = 1000.0;
+// Change of direct light from vertex to vertex, of all light there, above which it isn't taken
+// for linear between them.
+constexpr float kRough = 0.25F;
+
+// Vertices of a mesh that face the same way: a floor, a wall, a ceiling.
+std::size_t side(const Receiver& receiver) {
+    const Vec3f& n = receiver.normal;
+    const float x = std::abs(n.x), y = std::abs(n.y), z = std::abs(n.z);
+    const std::size_t axis = x >= y && x >= z ? 0U : (y >= z ? 1U : 2U);
+    const float along = std::array{n.x, n.y, n.z}[axis];
+    return 6 * static_cast<std::size_t>(receiver.mesh) + 2 * axis + (along < 0.0F ? 1U : 0U);
+}
+
+float relative_spread(float low, float high, float all) {
+    return all > 0.0F ? (high - low) / all : 0.0F;
+}
+
+} // namespace
+
+FinalGather::FinalGather(const Scene& scene, std::uint64_t seed)
+    : scene_(scene), tracer_(scene, seed), receivers_(vertex_receivers(scene.mesh())),
+      regression_(scene.mesh(), receivers_), reflectances_(receivers_.size()),
+      records_(receivers_.size()), smooth_(receivers_.size()), hidden_(receivers_.size()),
+      covered_(receivers_.size()), rough_(receivers_.size()) {
+    exitances_.seen.resize(receivers_.size());
+    const IlluminationMesh& mesh = scene.mesh();
+    for (std::size_t v = 0; v < receivers_.size(); ++v) {
+        records_[v].vertex = static_cast<std::int32_t>(v);
+        if (receivers_[v].normal != Vec3f{} && mesh.areas[v] > 0.0) {
+            lit_.push_back(static_cast<std::int32_t>(v));
+        }
+    }
+    // A vertex may border faces of several reflectances: their mean by area.
+    for (const MeshElement& element : mesh.elements) {
+        const Surface& surface = mesh.surface(element);
+        const double third = mesh.area(element) / 3.0;
+        for (const std::int32_t front : element.vertices) {
+            for (const std::int32_t v : {front, front + surface.back_offset}) {
+                if (mesh.areas[v] > 0.0 && (v == front || surface.back_offset >= 0)) {
+                    reflectances_[v] +=
+                        surface.reflectance * static_cast<float>(third / mesh.areas[v]);
+                }
+            }
+        }
+    }
+}
+
+// Two estimates in one: photons, whose mean over the bucket is right however coarse the mesh is,
+// and what is known at the vertex. Where they differ by no more than photons do by chance the
+// latter counts, else photons as far as they are sure. Each side of a mesh keeps the flux that its
+// photons brought.
+std::vector<Vec3f> FinalGather::joined(std::span<const Vec3f> counted, std::span<const Vec3f> known,
+                                       std::span<const double> variance, double photon_flux) const {
+    const std::vector<double>& areas = scene_.mesh().areas;
+    std::vector<Vec3f> out(counted.size());
+    std::vector<std::array<double, 2>> flux(6 * scene_.mesh().meshes.size()); // lm: counted, joined
+    for (const std::int32_t v : lit_) {
+        const double photon = photon_flux / areas[v]; // lx
+        const double n = luminance(counted[v].as<double>()), k = luminance(known[v].as<double>());
+        // Of the known light, lest low counts seem surer than high ones; and of one more.
+        const double both = (k + photon) * photon + variance[v];
+        const double square = (n - k) * (n - k);
+        const double by_chance = square > kChance * both ? kChance * both / square : 1.0;
+        const double best = both > 0.0 ? variance[v] / both : 1.0; // share of the photons
+        double share = 1.0 - (1.0 - best) * by_chance;
+        if (covered_[v] != 0 && n < k) { // photons are missing where they can't come
+            share = 0.0;
+        }
+        out[v] = known[v] + (counted[v] - known[v]) * static_cast<float>(share);
+        if (covered_[v] != 0) {
+            continue;
+        }
+        flux[side(receivers_[v])][0] += areas[v] * n;
+        flux[side(receivers_[v])][1] += areas[v] * luminance(out[v].as<double>());
+    }
+    for (const std::int32_t v : lit_) {
+        const auto [all, found] = flux[side(receivers_[v])];
+        const double prior = kPhotonsOfSide * photon_flux;
+        out[v] = out[v] * static_cast<float>(found > 0.0 ? (all + prior) / (found + prior) : 1.0);
+    }
+    return out;
+}
+
+void FinalGather::find_exitances(const KnownLight& light) {
+    std::vector<Vec3f>& illuminance = illuminance_;
+    illuminance.assign(light.all.begin(), light.all.end());
+    if (!light.indirect.empty()) {
+        std::vector<Vec3f> counted(illuminance.size()), known(illuminance.size());
+        for (std::size_t v = 0; v < counted.size(); ++v) {
+            counted[v] = light.all[v] - light.indirect[v];
+        }
+        const std::vector<double> sure(counted.size(), 0.0);
+        illuminance =
+            light.direct.empty() ? counted : joined(counted, light.direct, sure, light.photon_flux);
+        if (rays_ == 0) {
+            std::ranges::copy(light.indirect, known.begin());
+        } else {
+            std::vector<double> variance(counted.size());
+            for (std::size_t v = 0; v < counted.size(); ++v) {
+                known[v] = smooth_[v].illuminance;
+                variance[v] = smooth_[v].variance;
+            }
+            known = joined(light.indirect, known, variance, light.photon_flux);
+        }
+        for (std::size_t v = 0; v < counted.size(); ++v) {
+            illuminance[v] += known[v];
+        }
+    }
+    uncover(illuminance);
+    for (const std::int32_t v : lit_) {
+        const Vec3f m = reflectances_[v] * illuminance[v];
+        exitances_.seen[v] = {m.x, m.y, m.z, 0.0F};
+    }
+    const std::size_t count = bright_.size();
+    exitances_.seen.resize(receivers_.size() + count);
+    exitances_.above.resize(count);
+    for (std::size_t p = 0; p < count; ++p) {
+        const auto [x, y, z, none] = exitances_.seen[bright_.vertex(p)];
+        const Vec3f m{x, y, z};
+        const float share = std::min(1.0F, bright_.cap() / std::max(luminance(m), 1e-30F));
+        const Vec3f below = m * share;
+        exitances_.seen[receivers_.size() + p] = {below.x, below.y, below.z, 0.0F};
+        exitances_.above[p] = m - below;
+    }
+}
+
+// A vertex in the foot of a column says nothing of the floor around it, which rays see.
+void FinalGather::find_hidden(const KnownLight& light) {
+    constexpr std::uint32_t kEnough = 8; // rays
+    std::ranges::fill(hidden_, 0);
+    std::ranges::fill(covered_, 0);
+    if (light.direct.empty() || light.indirect.empty()) {
+        return;
+    }
+    for (const std::int32_t v : lit_) {
+        const GatherRecord& r = records_[v];
+        hidden_[v] = r.rays() >= kEnough && light.direct[v] == Vec3f{} &&
+                     std::ranges::all_of(r.hits, [](std::int32_t hit) { return hit == -1; });
+        if (hidden_[v] != 0) {
+            covered_[v] = 1;
+            for (const std::int32_t beside : regression_.neighbours(v)) {
+                covered_[beside] = 1;
+            }
+        }
+    }
+}
+
+// Light goes on below what hides a vertex as it is beside.
+void FinalGather::uncover(std::span<Vec3f> illuminance) const {
+    for (const std::int32_t v : lit_) {
+        Vec3f sum;
+        float count = 0.0F;
+        for (const std::int32_t beside : regression_.neighbours(v)) {
+            if (hidden_[v] != 0 && hidden_[beside] == 0) {
+                sum += illuminance[beside];
+                count += 1.0F;
+            }
+        }
+        if (count > 0.0F) {
+            illuminance[v] = sum * (1.0F / count);
+        }
+    }
+}
+
+void FinalGather::find_rough(const KnownLight& light) {
+    direct_ = light.direct;
+    std::ranges::fill(rough_, light.direct.empty() ? 1 : 0);
+    if (light.direct.empty()) {
+        return;
+    }
+    const IlluminationMesh& mesh = scene_.mesh();
+    const auto mark = [&](const std::array<std::int32_t, 3>& vertices) {
+        float low = 0.0F, high = 0.0F, all = 0.0F;
+        for (std::size_t k = 0; k < 3; ++k) {
+            const float e = luminance(light.direct[vertices[k]]);
+            low = k == 0 ? e : std::min(low, e);
+            high = k == 0 ? e : std::max(high, e);
+            all += luminance(light.all[vertices[k]]) / 3.0F;
+        }
+        if (relative_spread(low, high, std::max(all, high)) > kRough) {
+            for (const std::int32_t v : vertices) {
+                rough_[v] = 1;
+            }
+        }
+    };
+    for (const MeshElement& element : mesh.elements) {
+        mark(element.vertices);
+        if (const std::int32_t back = mesh.surface(element).back_offset; back >= 0) {
+            const auto& [a, b, c] = element.vertices;
+            mark({a + back, b + back, c + back});
+        }
+    }
+    for (const std::int32_t v : lit_) {
+        if (light.indirect.empty()) {
+            continue;
+        }
+        const float n = luminance(light.all[v] - light.indirect[v]);
+        const float k = luminance(light.direct[v]);
+        const auto photon = static_cast<float>(light.photon_flux / mesh.areas[v]);
+        if ((n - k) * (n - k) > 9.0F * std::max(n, k) * photon) {
+            rough_[v] = 1;
+        }
+    }
+}
+
+// Up to `rays` a vertex, or twice as many as it has where that is more.
+void FinalGather::trace(std::span<const std::int32_t> vertices, std::uint32_t rays, int threads) {
+    const auto all_rays = [&] {
+        return std::transform_reduce(vertices.begin(), vertices.end(), std::uint64_t{0},
+                                     std::plus<>(),
+                                     [&](std::int32_t v) { return records_[v].all_rays(); });
+    };
+    const std::uint64_t before = all_rays();
+    parallel_blocks(threads, std::size_t{0}, vertices.size(), std::size_t{16},
+                    [&](std::size_t begin, std::size_t end) {
+                        for (std::size_t i = begin; i < end; ++i) {
+                            GatherRecord& record = records_[vertices[i]];
+                            tracer_.trace(receivers_[record.vertex],
+                                          std::max(rays, 2 * record.rays()),
+                                          {bright_, direct_, rough_}, record);
+                            look_up(exitances_, record);
+                        }
+                    });
+    rays_ += all_rays() - before;
+}
+
+void FinalGather::look_up_all(const KnownLight& light, int threads) {
+    find_hidden(light);
+    find_exitances(light);
+    parallel_blocks(threads, std::size_t{0}, records_.size(), std::size_t{64},
+                    [&](std::size_t begin, std::size_t end) {
+                        for (std::size_t v = begin; v < end; ++v) {
+                            if (records_[v].rays() > 0) {
+                                look_up(exitances_, records_[v]);
+                            }
+                        }
+                    });
+    smooth(threads);
+}
+
+// The variance of n points of a sequence falls as n^-slope. The squared difference of its halves
+// over 4 has the mean Var(n/2) - Var(n), that of its quarters Var(n/4) - Var(n/2).
+void FinalGather::estimate_noise() {
+    double halves = 0.0, quarters = 0.0, independent = 0.0, pooled = 0.0;
+    for (const std::int32_t v : lit_) {
+        const GatherRecord& r = records_[v];
+        if (r.rays() > 0) {
+            const double area = scene_.mesh().areas[v];
+            halves += area * r.half_square;
+            quarters += area * r.quarter_square;
+            independent += area * r.ray_variance / r.rays();
+            pooled += r.ray_variance;
+        }
+    }
+    pooled_variance_ = lit_.empty() ? 0.0 : pooled / static_cast<double>(lit_.size());
+    if (halves > 0.0 && independent > 0.0) {
+        const double slope = std::clamp(std::log2(quarters / halves), 1.0, 2.0);
+        noise_share_ = std::min(1.0, halves / (std::exp2(slope) - 1.0) / independent);
+    }
+}
+
+double FinalGather::ray_variance(const GatherRecord& record) const {
+    const double n = record.rays();
+    const double variance =
+        (n * record.ray_variance + kPooledRays * pooled_variance_) / (n + kPooledRays);
+    return noise_share_ * variance + n * record.bright_noise;
+}
+
+void FinalGather::smooth(int threads) {
+    estimate_noise();
+    std::vector<NoisyIlluminance> values(records_.size());
+    for (const std::int32_t v : lit_) {
+        const GatherRecord& record = records_[v];
+        values[v] = {record.illuminance, static_cast<float>(ray_variance(record)),
+                     static_cast<float>(record.rays())};
+    }
+    regression_.fit(values, smooth_, threads);
+}
+
+void FinalGather::spend(std::uint64_t end, int threads) {
+    const std::vector<double>& areas = scene_.mesh().areas;
+    std::vector<std::int32_t> chosen;
+    std::vector<float> gain(records_.size()); // lx² m², of each further ray
+    while (rays_ < end) {
+        double all = 0.0;
+        for (const std::int32_t v : lit_) {
+            gain[v] = static_cast<float>(areas[v] * static_cast<double>(smooth_[v].variance) /
+                                         records_[v].rays());
+            all += static_cast<double>(gain[v]);
+        }
+        chosen = lit_;
+        // Half of the vertices at most, so that what is learnt decides where the next rays go.
+        const auto before = [&](std::int32_t a, std::int32_t b) {
+            return gain[a] > gain[b] || (gain[a] == gain[b] && a < b);
+        };
+        const auto half = chosen.begin() + static_cast<std::ptrdiff_t>((chosen.size() + 1) / 2);
+        std::nth_element(chosen.begin(), half - 1, chosen.end(), before);
+        chosen.erase(half, chosen.end());
+        std::ranges::sort(chosen, before);
+        std::uint64_t rays = 0;
+        std::size_t count = 0;
+        const double enough = kLeastGain * all / static_cast<double>(lit_.size());
+        while (count < chosen.size() && rays_ + rays < end &&
+               (8 * rays < end - rays_ || static_cast<double>(gain[chosen[count]]) > enough)) {
+            rays += records_[chosen[count++]].all_rays();
+        }
+        chosen.resize(count);
+        std::ranges::sort(chosen); // neighbours' rays meet the same triangles
+        trace(chosen, 0, threads);
+        smooth(threads);
+    }
+}
+
+GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t ray_budget,
+                                          int threads) {
+    GatheredIllumination out;
+    out.indirect.resize(receivers_.size());
+    out.standard_error.resize(receivers_.size());
+    if (lit_.empty()) {
+        return out;
+    }
+    const std::uint64_t rays_before = rays_, end = rays_ + ray_budget;
+    find_rough(light);
+    if (rays_ == 0) {
+        if (!light.direct.empty()) {
+            std::vector<float> exitances(receivers_.size()); // by direct light, which is no chance
+            for (std::size_t v = 0; v < exitances.size(); ++v) {
+                exitances[v] = luminance(reflectances_[v] * light.direct[v]);
+            }
+            bright_ = BrightPatches(scene_, receivers_, exitances);
+        }
+        find_exitances(light);
+        std::uint32_t rays = kFirstRays;
+        while (rays > kFewestRays && rays * lit_.size() > ray_budget) {
+            rays /= 2;
+        }
+        trace(lit_, rays, threads);
+        smooth(threads);
+    }
+    look_up_all(light, threads);
+    spend(end, threads);
+    for (int i = 0; i < kReflections && !light.indirect.empty(); ++i) {
+        look_up_all(light, threads);
+    }
+    double square = 0.0, area = 0.0;
+    // Light varies between the vertices; of photons hardly any noise is left in it.
+    const double varies = lookup_error(scene_.mesh(), records_, exitances_.seen, illuminance_, 0.0);
+    for (const std::int32_t v : lit_) {
+        const double e = luminance(smooth_[v].illuminance);
+        const double variance = smooth_[v].variance + varies * e * e;
+        out.indirect[v] = smooth_[v].illuminance;
+        out.standard_error[v] = static_cast<float>(std::sqrt(variance));
+        square += scene_.mesh().areas[v] * variance;
+        area += scene_.mesh().areas[v];
+    }
+    out.indirect_rms = std::sqrt(square / area);
+    out.rays = rays_ - rays_before;
+    return out;
+}
+
+} // namespace isolux

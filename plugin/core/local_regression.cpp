@@ -1,0 +1,209 @@
+#include "core/local_regression.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "core/parallel.h"
+#include "core/sampling.h"
+
+namespace isolux {
+namespace {
+
+// Vertices whose normals lie further apart are not neighbours.
+constexpr float kLeastCosine = 0.7F;
+
+// Rays that a value is thought to have beside its own, of the variance of those around.
+constexpr double kPooledRays = 4.0;
+// Standard deviations of the residuals' sum, of curvature that chance may have hidden.
+constexpr double kHidden = 1.0;
+
+// A symmetric matrix of three rows.
+struct Normal {
+    double a00 = 0, a01 = 0, a02 = 0, a11 = 0, a12 = 0, a22 = 0;
+
+    void add(double w, double x, double y) {
+        a00 += w;
+        a01 += w * x;
+        a02 += w * y;
+        a11 += w * x * x;
+        a12 += w * x * y;
+        a22 += w * y * y;
+    }
+    Normal inverse() const {
+        const double c00 = a11 * a22 - a12 * a12, c01 = a02 * a12 - a01 * a22,
+                     c02 = a01 * a12 - a02 * a11;
+        const double d = 1.0 / (a00 * c00 + a01 * c01 + a02 * c02);
+        return {c00 * d,
+                c01 * d,
+                c02 * d,
+                (a00 * a22 - a02 * a02) * d,
+                (a01 * a02 - a00 * a12) * d,
+                (a00 * a11 - a01 * a01) * d};
+    }
+};
+
+} // namespace
+
+LocalRegression::LocalRegression(const IlluminationMesh& mesh, std::span<const Receiver> receivers)
+    : receivers_(receivers), begin_(receivers.size() + 1) {
+    std::vector<std::array<std::int32_t, 2>> edges;
+    edges.reserve(6 * mesh.elements.size());
+    for (const MeshElement& element : mesh.elements) {
+        const std::int32_t back = mesh.surface(element).back_offset;
+        for (std::size_t k = 0; k < 3; ++k) {
+            const std::int32_t a = element.vertices[k], b = element.vertices[(k + 1) % 3];
+            for (const std::int32_t offset : {0, std::max(0, back)}) {
+                edges.push_back({a + offset, b + offset});
+                edges.push_back({b + offset, a + offset});
+            }
+        }
+    }
+    std::ranges::sort(edges);
+    const auto last = std::ranges::unique(edges);
+    edges.erase(last.begin(), last.end());
+    for (const auto& [a, b] : edges) {
+        if (a != b && dot(receivers[a].normal, receivers[b].normal) >= kLeastCosine) {
+            ++begin_[a + 1];
+            neighbours_.push_back(b);
+        }
+    }
+    for (std::size_t v = 0; v < receivers.size(); ++v) {
+        begin_[v + 1] += begin_[v];
+    }
+}
+
+std::size_t LocalRegression::around(std::int32_t vertex,
+                                    std::span<std::int32_t, kMost> found) const {
+    std::size_t count = 0;
+    const auto add_ring = [&](std::int32_t of) {
+        for (const std::int32_t v : neighbours(of)) {
+            if (count == kMost) {
+                return;
+            }
+            const auto end = found.begin() + static_cast<std::ptrdiff_t>(count);
+            const bool known = std::find(found.begin(), end, v) != end;
+            if (!known && v != vertex &&
+                dot(receivers_[v].normal, receivers_[vertex].normal) >= kLeastCosine) {
+                found[count++] = v;
+            }
+        }
+    };
+    add_ring(vertex);
+    const std::size_t ring = count;
+    for (std::size_t k = 0; k < ring; ++k) {
+        add_ring(found[k]);
+    }
+    return count;
+}
+
+SmoothIlluminance LocalRegression::fit_at(std::int32_t vertex,
+                                          std::span<const NoisyIlluminance> values) const {
+    const NoisyIlluminance& own = values[vertex];
+    std::array<std::int32_t, kMost> found{};
+    const std::size_t all = around(vertex, found);
+    struct Sample {
+        double x, y, value, noise, structure; // m, m, lx, lx², (d/h)²
+        std::int32_t vertex;
+    };
+    std::array<Sample, kMost + 1> samples{};
+    const auto [s, t] = tangents(receivers_[vertex].normal);
+    std::size_t n = 0;
+    double variance = 0.0, rays = 0.0, mean = 0.0, square_distance = 0.0;
+    const auto take = [&](std::int32_t v) {
+        const NoisyIlluminance& value = values[v];
+        if (value.rays == 0.0F) {
+            return;
+        }
+        const Vec3f to = (receivers_[v].position - receivers_[vertex].position).as<float>();
+        const double d2 = dot(to, to);
+        samples[n++] = {dot(to, s), dot(to, t), luminance(value.illuminance), value.rays, d2, v};
+        variance += static_cast<double>(value.rays) * static_cast<double>(value.ray_variance);
+        rays += value.rays;
+        mean += luminance(value.illuminance);
+        square_distance += d2;
+    };
+    take(vertex);
+    for (std::size_t k = 0; k < all; ++k) {
+        take(found[k]);
+    }
+    if (n == 0) {
+        return {};
+    }
+    // One variance of a ray for all: a value that happens to miss a bright spot is low and seems
+    // exact.
+    variance = std::max(variance / rays, 1e-12 * mean * mean + 1e-30);
+    mean /= static_cast<double>(n);
+    const double h2 = square_distance / static_cast<double>(n);
+    if (n < 4 || own.rays == 0.0F || h2 == 0.0) {
+        return {own.illuminance, own.rays > 0.0F ? static_cast<float>(variance) / own.rays : 0.0F};
+    }
+    for (Sample& sample : std::span(samples).first(n)) {
+        sample.noise = variance / sample.noise;
+        sample.structure /= h2;
+    }
+    // Slopes up to the mean over the distance of a neighbour.
+    const double flat = h2 / std::max(mean * mean, 1e-30);
+    const auto normal_equations = [&](double curvature, std::size_t first) {
+        Normal sum{.a11 = flat, .a22 = flat};
+        for (const Sample& p : std::span(samples).first(n).subspan(first)) {
+            sum.add(1.0 / (p.noise + curvature * p.structure), p.x, p.y);
+        }
+        return sum;
+    };
+    // First as if light were a plane: what the residuals are above their noise is its curvature.
+    double curvature = 0.0;
+    {
+        const Normal i = normal_equations(0.0, 0).inverse();
+        double b0 = 0.0, b1 = 0.0, b2 = 0.0;
+        for (const Sample& p : std::span(samples).first(n)) {
+            const double w = p.value / p.noise;
+            b0 += w;
+            b1 += w * p.x;
+            b2 += w * p.y;
+        }
+        const double a = i.a00 * b0 + i.a01 * b1 + i.a02 * b2,
+                     bx = i.a01 * b0 + i.a11 * b1 + i.a12 * b2,
+                     by = i.a02 * b0 + i.a12 * b1 + i.a22 * b2;
+        double square = 0.0, structure = 0.0;
+        for (const Sample& p : std::span(samples).first(n)) {
+            const double off = p.value - a - bx * p.x - by * p.y;
+            square += off * off / p.noise;
+            structure += p.structure / p.noise;
+        }
+        const double freedom = static_cast<double>(n) - 3.0;
+        curvature = structure > 0.0 ? std::max(0.0, square - freedom) / structure : 0.0;
+        // As much as chance may have hidden.
+        curvature += kHidden * std::sqrt(2.0 * freedom) / std::max(structure, 1e-30);
+    }
+    const Normal i = normal_equations(curvature, 1).inverse();
+    Vec3d sum;
+    for (const Sample& p : std::span(samples).first(n).subspan(1)) {
+        const double w = (i.a00 + i.a01 * p.x + i.a02 * p.y) / (p.noise + curvature * p.structure);
+        sum += values[p.vertex].illuminance.as<double>() * w;
+    }
+    const Vec3d predicted{std::max(0.0, sum.x), std::max(0.0, sum.y), std::max(0.0, sum.z)};
+    // Where its own rays say otherwise, as at a contact that lies between it and the next, these
+    // count as much as they are sure.
+    const double noise = (static_cast<double>(own.rays) * static_cast<double>(own.ray_variance) +
+                          kPooledRays * variance) /
+                         (static_cast<double>(own.rays) + kPooledRays) /
+                         static_cast<double>(own.rays);
+    const double off = luminance(predicted) - luminance(own.illuminance.as<double>());
+    const double doubt = std::max(i.a00, off * off - noise);
+    const double share = noise / (noise + doubt);
+    const Vec3f moved = (predicted - own.illuminance.as<double>()).as<float>();
+    return {own.illuminance + moved * static_cast<float>(share), static_cast<float>(doubt * share)};
+}
+
+void LocalRegression::fit(std::span<const NoisyIlluminance> values,
+                          std::span<SmoothIlluminance> out, int threads) const {
+    parallel_blocks(threads, std::size_t{0}, values.size(), std::size_t{64},
+                    [&](std::size_t begin, std::size_t end) {
+                        for (std::size_t v = begin; v < end; ++v) {
+                            out[v] = fit_at(static_cast<std::int32_t>(v), values);
+                        }
+                    });
+}
+
+} // namespace isolux

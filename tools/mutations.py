@@ -107,7 +107,7 @@ MUTATIONS = (
         "photon.ray.direction = cosine_direction(photon.normal, photon.random);",
         "photon.ray.direction =\n"
         "            normalize(cosine_direction(photon.normal, photon.random) + photon.normal);",
-        "tests/test_photon_tracer.py tests/physics/test_radiosity.py",
+        "tests/physics/test_radiosity.py",
     ),
     Mutation(
         "photons in the bucket of the wrong vertex",

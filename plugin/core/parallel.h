@@ -8,6 +8,8 @@
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
+#include "core/float_traps.h"
+
 #ifdef __SANITIZE_THREAD__
 #include <algorithm>
 #include <atomic>
@@ -35,8 +37,10 @@ void parallel_blocks(int threads, Index first, Index last, Index grain, const Tu
     }
 #else
     tbb::task_arena(threads).execute([&] {
-        tbb::parallel_for(tbb::blocked_range<Index>(first, last, grain),
-                          [&](const auto& block) { turn(block.begin(), block.end()); });
+        tbb::parallel_for(tbb::blocked_range<Index>(first, last, grain), [&](const auto& block) {
+            [[maybe_unused]] const FloatTraps traps(true);
+            turn(block.begin(), block.end());
+        });
     });
 #endif
 }

@@ -15,6 +15,7 @@
 #endif
 #include <tbb/task_arena.h>
 
+#include "core/float_traps.h"
 #include "core/random.h"
 
 namespace isolux {
@@ -78,18 +79,21 @@ struct Query : EmbreeContext {
 
 #if RTC_VERSION_MAJOR >= 4
 void intersect(RTCScene scene, Query& query, RTCRayHit& ray_hit) {
+    [[maybe_unused]] const FloatTraps traps(false);
     RTCIntersectArguments arguments;
     rtcInitIntersectArguments(&arguments);
     arguments.context = &query;
     rtcIntersect1(scene, &ray_hit, &arguments);
 }
 void occlude(RTCScene scene, Query& query, RTCRay& ray) {
+    [[maybe_unused]] const FloatTraps traps(false);
     RTCOccludedArguments arguments;
     rtcInitOccludedArguments(&arguments);
     arguments.context = &query;
     rtcOccluded1(scene, &ray, &arguments);
 }
 void occlude(const int* valid, RTCScene scene, Query& query, RTCRay8& rays) {
+    [[maybe_unused]] const FloatTraps traps(false);
     RTCOccludedArguments arguments;
     rtcInitOccludedArguments(&arguments);
     arguments.context = &query;
@@ -97,10 +101,15 @@ void occlude(const int* valid, RTCScene scene, Query& query, RTCRay8& rays) {
 }
 #else
 void intersect(RTCScene scene, Query& query, RTCRayHit& ray_hit) {
+    [[maybe_unused]] const FloatTraps traps(false);
     rtcIntersect1(scene, &query, &ray_hit);
 }
-void occlude(RTCScene scene, Query& query, RTCRay& ray) { rtcOccluded1(scene, &query, &ray); }
+void occlude(RTCScene scene, Query& query, RTCRay& ray) {
+    [[maybe_unused]] const FloatTraps traps(false);
+    rtcOccluded1(scene, &query, &ray);
+}
 void occlude(const int* valid, RTCScene scene, Query& query, RTCRay8& rays) {
+    [[maybe_unused]] const FloatTraps traps(false);
     rtcOccluded8(valid, scene, &query, &rays);
 }
 #endif

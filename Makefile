@@ -125,20 +125,26 @@ bench: build
 		build/bench/hall.usdc --methods composite,dept,ddl+idept --seeds 2 --time-budget 20 \
 		--cpu-time --figure tools/speed_against_error.png
 
-# Mitsuba compiles its kernels with LLVM; bpy brings NumPy 1. Stages of your own come along as
-# PEER_STAGES="shot.usd other.usd".
+# Mitsuba compiles its kernels with LLVM; bpy wants NumPy 1, so the peers have an environment of their
+# own. Stages of yours come along as PEER_STAGES="shot.usd other.usd".
+PEERS := build/peers_venv
+PEER_PACKAGES = $(shell $(PYTHON) -c "import tomllib; \
+	print(*tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']['peers'])")
 PEER_SCENES := $(addprefix build/bench/,cornell_box.usdc office.usdc hall.usdc flat.usdc)
 PEER_THREADS := 2
 
 bench-peers: build
 	@dpkg -s libllvm19 >/dev/null 2>&1 || $(SUDO) apt-get install -y -q libllvm19
-	$(PIP) --no-build-isolation -e ".[bench,peers]"
+	$(PIP) --no-build-isolation -e ".[bench]"
+	test -x $(PEERS)/bin/python || $(PYTHON) -m venv $(PEERS)
+	$(PEERS)/bin/pip install -q --disable-pip-version-check $(PEER_PACKAGES)
 	@mkdir -p build/bench
 	$(BIN)/python -m usd_scenes.cornell_box.generate build/bench/cornell_box.usdc
 	$(BIN)/python -m usd_scenes.office.generate build/bench/office.usdc
 	$(BIN)/python -m usd_scenes.hall.generate build/bench/hall.usdc --luminaires 600
 	$(BIN)/python -m usd_scenes.flat.generate build/bench/flat.usdc
 	$(BIN)/python tools/bench_peers.py $(PEER_SCENES) $(PEER_STAGES) --threads $(PEER_THREADS) \
+		--peers-python $(PEERS)/bin/python \
 		--figure tools/speed_against_peers.png
 
 wheel: build

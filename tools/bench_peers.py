@@ -59,7 +59,6 @@ class Point:
     settings : of the peer, its quality; of ours, the component
     start_seconds : imports and reading
     whole_seconds : start, build and solve, as a process that does this run alone
-    processor_seconds : of solving, all threads together
     """
 
     scene: str
@@ -72,7 +71,6 @@ class Point:
     build_seconds: float
     solve_seconds: float
     whole_seconds: float
-    processor_seconds: float
     rms_error: float
     error_bar: float
     median_error: float
@@ -127,7 +125,6 @@ def measure_ours(subject: Subject, settings: SolverSettings, cpu_time: bool) -> 
             build_seconds=point.build_seconds,
             solve_seconds=point.seconds,
             whole_seconds=start + point.build_seconds + point.seconds,
-            processor_seconds=point.seconds * (1 if cpu_time else settings.threads),
             rms_error=point.true_error,
             error_bar=point.error_bar,
             median_error=point.median_error,
@@ -146,14 +143,20 @@ def _import_seconds(cpu_time: bool) -> float:
 
 
 def measure_peer(
-    subject: Subject, peer: str, threads: int, seconds: float, seed: int, cpu_time: bool
+    subject: Subject,
+    peer: str,
+    python: str,
+    threads: int,
+    seconds: float,
+    seed: int,
+    cpu_time: bool,
 ) -> list[Point]:
     """At rising qualities, until the error is small enough or the next would take too long."""
     of: Callable[[Seconds], float] = (lambda s: s.processor) if cpu_time else (lambda s: s.wall)
     points: list[Point] = []
     exported = export_scene(subject.scene, subject.core)
     places = subject.places
-    with PeerProcess(peer, exported, threads) as process:
+    with PeerProcess(peer, exported, threads, python) as process:
         for number, quality in enumerate(QUALITIES[peer]):
             if points:
                 ratio = quality / QUALITIES[peer][number - 1]
@@ -176,7 +179,6 @@ def measure_peer(
                     build_seconds=of(process.build),
                     solve_seconds=of(spent),
                     whole_seconds=of(process.start) + of(process.build) + of(spent),
-                    processor_seconds=spent.processor,
                     rms_error=error.rms,
                     error_bar=error.error_bar,
                     median_error=error.median,
@@ -194,7 +196,9 @@ def at_reference(subject: Subject) -> PeerScene:
     return replace(scene, positions=scene.positions[places], normals=scene.normals[places])
 
 
-def write_agreement(path: Path, subjects: Sequence[Subject], peers: Sequence[str]) -> None:
+def write_agreement(
+    path: Path, subjects: Sequence[Subject], peers: Sequence[str], python: str
+) -> None:
     """One row a scene and peer; rows of other scenes and peers that are there stay."""
     columns = [
         "scene", "program", "quantity", "samples", "mean_ratio", "mean_error_bar", "rms_difference",
@@ -209,7 +213,7 @@ def write_agreement(path: Path, subjects: Sequence[Subject], peers: Sequence[str
         asked = at_reference(subject)
         for peer in peers:
             quality = AGREEMENT_QUALITIES[peer]
-            with PeerProcess(peer, asked, threads=1) as process:
+            with PeerProcess(peer, asked, 1, python) as process:
                 runs = [process.illuminance(quality, seed)[0] for seed in (1, 2)]
             found = agreement((runs[0], runs[1]), subject.reference)
             values = {name: f"{value:.5f}" for name, value in asdict(found).items()}
@@ -285,6 +289,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("stages", type=Path, nargs="*")
     parser.add_argument("--peers", default=",".join(QUALITIES), help="comma-separated")
+    parser.add_argument("--peers-python", default=sys.executable, help="of where they are")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=30.0, help="of solving, each run at most")
     parser.add_argument("--time-budget", type=float, default=20.0, help="s, of our run")
@@ -307,7 +312,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(f"no peer {', '.join(unknown)}; there are {', '.join(QUALITIES)}")
     if options.agreement:
         subjects = [read_subject(path, options.cache) for path in options.stages]
-        write_agreement(options.agreement, subjects, peers)
+        write_agreement(options.agreement, subjects, peers, options.peers_python)
         return
     settings = SolverSettings(threads=options.threads, seed=options.seed)
     settings = settings.with_budget(time_budget=options.time_budget)
@@ -324,8 +329,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"  {OURS}: {points[-1].solve_seconds:.1f} s, {points[-1].rms_error:.2%}", flush=True)
         for peer in peers:
             points += measure_peer(
-                subject, peer, options.threads, options.seconds, options.seed, options.cpu_time
-            )
+                subject, peer, options.peers_python, options.threads, options.seconds,
+                options.seed, options.cpu_time,
+            )  # fmt: skip
         write_points(options.csv, points, provenance)  # after each stage: it takes long
     print_times(points)
     plot_points(options.figure, points, provenance)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,18 +39,19 @@ class Seconds:
 class PeerProcess:
     """Starts one peer, builds the scene there, and asks it for illuminance.
 
+    python : an interpreter that has the peer
     start : imports and reading the arrays
     build : of what the peer needs before the first ray, kernels included
     """
 
-    def __init__(self, peer: str, scene: PeerScene, threads: int, python: str = "") -> None:
+    def __init__(self, peer: str, scene: PeerScene, threads: int, python: str) -> None:
         self._folder = tempfile.TemporaryDirectory()
         path = Path(self._folder.name)
         scene.save(path / "scene.npz")
         self._count = len(scene.positions)
         self._process = subprocess.Popen(
             [
-                python or sys.executable, "-m", "peers.worker", peer, path / "scene.npz", path,
+                python, "-m", "peers.worker", peer, path / "scene.npz", path,
                 "--threads", str(threads),
             ],
             cwd=Path(__file__).parents[1], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,

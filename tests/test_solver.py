@@ -1,15 +1,18 @@
 """Progressive solving from Python: when stages are due, when a run ends, what a solution holds."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
 from usd_scenes.cornell_box.generate import generate as generate_cornell_box
+from usd_scenes.furnace_sphere.generate import generate as generate_furnace_sphere
 
 import isolux
 from isolux.results import ResultsWriter
-from isolux.schedule import stage_goals
+from isolux.schedule import StagePlan, stage_goals
+from isolux.target_error import TargetError
 from small_room import FLOOR, LAMP, write_room, write_stage
 
 FLOOR_CORNERS, WALL_CORNERS = 4, 20
@@ -45,12 +48,46 @@ def test_seconds_double_from_stage_to_stage():
     ]
 
 
-def test_a_target_error_is_met_at_the_last_stage_and_not_before(scene):
-    settings = isolux.SolverSettings(method="dept", target_error=0.01)
-    stages = [s.stage for s in isolux.ProgressiveSolver(scene, settings).stages()]
+def test_a_target_error_is_met_at_the_last_stage_and_not_before(tmp_path):
+    generate_furnace_sphere(tmp_path / "sphere.usda")
+    settings = isolux.SolverSettings(method="dept", target_error=0.02)
+    solver = isolux.ProgressiveSolver(isolux.read_stage(tmp_path / "sphere.usda"), settings)
+    stages = [s.stage for s in solver.stages()]
     assert len(stages) >= settings.stages
-    assert stages[-1].rms_error <= 0.01
-    assert all(stage.rms_error > 0.01 for stage in stages[settings.stages - 1 : -1])
+    assert stages[-1].rms_error <= 0.02
+    assert all(stage.rms_error > 0.02 for stage in stages[settings.stages - 1 : -1])
+    assert not any(finding.kind == "target error" for finding in solver.findings())
+
+
+@pytest.mark.parametrize("method", ["dept", "ddl+idept"])
+def test_a_target_error_below_what_coarse_walls_allow_ends_the_run_and_is_told(scene, method):
+    """Walls of four vertices: no number of photons tells how light varies across them."""
+    settings = isolux.SolverSettings(method=method, target_error=0.01)
+    solver = isolux.ProgressiveSolver(scene, settings)
+    *_, last = solver.stages()
+    assert last.stage.rms_error > 0.01
+    (told,) = [finding for finding in solver.findings() if finding.kind == "target error"]
+    assert "0.01 asked" in told.reason
+
+
+@pytest.mark.parametrize(
+    ("errors", "ends"),
+    [
+        ([0.04, 0.028, 0.02, 0.014, 0.0099], [False] * 4 + [True]),  # noise
+        ([0.04, 0.03, 0.026, 0.0255, 0.025], [False] * 4 + [True]),  # a floor
+        ([0.04, 0.03, 0.024, 0.019, 0.017], [False] * 5),  # near one, but falling
+    ],
+)
+def test_a_gather_ends_at_its_target_or_where_rays_no_longer_help(scene, errors, ends):
+    settings = isolux.SolverSettings(method="composite", target_error=0.01)
+    target = TargetError(settings, "composite")
+    solver = isolux.ProgressiveSolver(scene, settings.with_budget(photons=1000))
+    *_, last = solver.stages()
+    told = [
+        target.ends(StagePlan("gather"), replace(last.stage, rms_error=error)) for error in errors
+    ]
+    assert told == ends
+    assert len(list(target.findings())) == (ends[-1] and errors[-1] > 0.01)
 
 
 def test_radiosity_is_refused_where_it_would_take_minutes(tmp_path):

@@ -41,7 +41,7 @@ from isolux.components import (
     DirectLight,
     PhotonTracing,
     Radiosity,
-    SparseGather,
+    FinalGather,
     photometric,
 )
 from isolux.core_scene import build_core_scene
@@ -267,7 +267,7 @@ def stages(case: Case, seed: int, photon_counts: Sequence[int]) -> Iterator[tupl
     yield _snapshot("vertices", "DDL", light), 0
     if not reflects:
         return
-    gather = SparseGather(core, settings, 1)
+    gather = FinalGather(core, settings, 1)
     rays = 0
     for photons in trace([c for c in photon_counts if c in LATE_PHOTONS]):
         count = photons.emitted

@@ -1,4 +1,4 @@
-// Sparse final gather of indirect light.
+// Final gather of indirect light.
 #include <optional>
 #include <stdexcept>
 

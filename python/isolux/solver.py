@@ -45,6 +45,7 @@ from .schedule import Component, StageGoal, StagePlan
 from .settings import SolverSettings, settings_from_stage
 from .solution import ProgressiveStage, RefinedMesh, Solution
 from .stage_reader import read_source
+from .target_error import TargetError
 
 # Photons are traced in calls of about this long, so that a cancelled run stops soon.
 CHUNK_SECONDS = 0.1
@@ -110,6 +111,7 @@ class ProgressiveSolver:
         self._tracing_seconds = 0.0
         self._gather_ray_seconds = 0.0
         self._finishing: dict[str, float] = {}  # s, of each component's last step
+        self._target = TargetError(settings, self.method)
         self._watch = Watch(None, lambda: False)
         self._index = 0
         self._error: float | None = None
@@ -151,7 +153,7 @@ class ProgressiveSolver:
             if step.shown or cancelled():
                 solution = self._solution(step.component)
                 yield solution
-                if cancelled() or (not replay and self._target_met(step, solution.stage)):
+                if cancelled() or (not replay and self._target.ends(step, solution.stage)):
                     return
 
     def refine(self, threshold: float, iterations: int) -> Solution:
@@ -188,6 +190,7 @@ class ProgressiveSolver:
                 meshes, self._layouts, hits, self._photons.buckets.ends["back_hits"]
             ),
             *enclosed_luminaires(self.scene, self._core_scene),
+            *self._target.findings(),
         ]
         if self._switchover[2] == 0:  # no direct light but the photons'
             return tuple(found)
@@ -345,16 +348,6 @@ class ProgressiveSolver:
     def _take_indirect(self, found: IndirectLight) -> None:
         self._light.take_indirect(found)
         self._indirect_rays += found.rays
-
-    def _target_met(self, step: StagePlan, stage: ProgressiveStage) -> bool:
-        settings = self.settings
-        if settings.target_error == 0 or not stage.rms_error <= settings.target_error:
-            return False
-        if step.component != "DEPT":
-            return step.component != "DDL"
-        # Photons alone: the early stages cost next to nothing, and their error is uncertain.
-        bounded = settings.photons > 0 or settings.time_budget > 0
-        return self.method == "dept" and (bounded or stage.index >= settings.stages)
 
     def _working(self, component: Component) -> None:
         """In the midst of a step. Raises Cancelled where the caller asked to stop."""

@@ -77,7 +77,7 @@ def from_gather(meshes, source, receivers, points):
     light = np.zeros((scene.vertex_count, 3), np.float32)
     begin, end, *_ = scene.mesh_ranges[source]
     light[begin:end] = EXITANCE / meshes[source].reflectance
-    found = _core.SparseGather(scene, 1).advance(light, GATHER_RAYS, 2)["indirect"]
+    found = _core.FinalGather(scene, 1).advance(light, GATHER_RAYS, 2)["indirect"]
     begin, end, *_ = scene.mesh_ranges[receivers]
     away = np.linalg.norm(scene.vertex_positions[begin:end] - np.asarray(points)[:, None], axis=2)
     assert away.min(axis=1).max() < 1e-6

@@ -142,7 +142,7 @@ def test_wide_plates(validation):
     (first, middle, _, _), (_, last, _, _) = scene.mesh_ranges
     shines = np.zeros((scene.vertex_count, 1), np.float32)
     shines[first:middle] = exitance / reflectances[0]  # as if this fell on plate 1
-    gather = _core.SparseGather(scene, 1)
+    gather = _core.FinalGather(scene, 1)
     light = np.zeros((scene.vertex_count, 3), np.float32)
     for round_ in range(10):
         light = gather.advance(shines + light, 100_000 if round_ == 0 else 0, 2)["indirect"]

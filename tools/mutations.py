@@ -126,17 +126,17 @@ MUTATIONS = (
     ),
     Mutation(
         "an area weight dropped from the exitance that a gather sees",
-        _CORE + "sparse_gather.cpp",
-        "static_cast<float>(mesh.area(element) / 3.0)",
-        "static_cast<float>(mesh.areas[element.vertices[0]] / 6.0)",
-        "tests/physics/test_gather.py tests/test_sparse_gather.py",
+        _CORE + "final_gather.cpp",
+        "surface.reflectance * static_cast<float>(third / mesh.areas[v])",
+        "surface.reflectance * 0.3F",
+        "tests/physics/test_gather.py tests/test_final_gather.py",
     ),
     Mutation(
         "a gather without the cosine",
         _CORE + "gather_records.cpp",
         "receiver.normal * std::sqrt(std::max(0.0F, 1.0F - a * a - b * b))",
         "receiver.normal * std::max(0.0F, 1.0F - a * a - b * b)",
-        "tests/physics/test_gather.py tests/test_sparse_gather.py",
+        "tests/physics/test_gather.py tests/test_final_gather.py",
     ),
     Mutation(
         "twice the form factor",

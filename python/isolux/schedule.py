@@ -20,7 +20,7 @@ class StagePlan:
     """A step of the solver by counts alone: the same steps give the same bits.
 
     component : what makes it: photon tracing (DEPT), direct lighting (DDL), photons for the
-        indirect light alone (IDEPT), a sparse gather over the photons' light, or radiosity (HPR)
+        indirect light alone (IDEPT), a gather over what is known of the light, or radiosity (HPR)
     photons : emitted since the start
     rays : budget of this step's gather or radiosity
     iteration : of the adaptive mesh; 0: direct light at the vertices

@@ -39,11 +39,12 @@ from scipy.stats import poisson
 from isolux import _core
 from isolux.components import (
     DirectLight,
+    FinalGather,
     PhotonTracing,
     Radiosity,
-    FinalGather,
     photometric,
 )
+from isolux.composite import GATHER_RAYS_PER_PHOTON
 from isolux.core_scene import build_core_scene
 from isolux.illumination import Illumination
 from isolux.scene_description import (
@@ -66,9 +67,8 @@ RMS_WITHIN = 0.2  # of the reported RMS error
 # Rounding of values that are exact by the reported error.
 EXACT = 1e-4
 PHOTONS = (300, 3_000, 30_000, 300_000)
-# Of the composite and of ddl+idept: photons, rays a photon.
+# Of the composite and of ddl+idept.
 LATE_PHOTONS = (3_000, 30_000, 300_000)
-RAYS_PER_PHOTON = 10
 RADIOSITY_RAYS = 1 << 18
 RADIOSITY_SEEDS = 10  # most of its error is the same for all
 
@@ -273,8 +273,10 @@ def stages(case: Case, seed: int, photon_counts: Sequence[int]) -> Iterator[tupl
         count = photons.emitted
         light.take_indirect_photons(photons.filtered()[0])
         yield _snapshot(f"{count} photons", "IDEPT", light), count
-        light.take_indirect(gather.gather(photons, RAYS_PER_PHOTON * count - rays))
-        rays = RAYS_PER_PHOTON * count
+        light.take_indirect(
+            gather.gather(photons, light.direct, GATHER_RAYS_PER_PHOTON * count - rays)
+        )
+        rays = GATHER_RAYS_PER_PHOTON * count
         yield _snapshot(f"{count} photons", "gather", light), count
 
 

@@ -51,7 +51,7 @@ ATTRIBUTES = [
     Row(SOLVER_API, "isolux:subdivisionIterations", "int", 3, 5, (0, 8)),
     Row(SOLVER_API, "isolux:targetError", "double", 0.05, 0.01, (0, 1)),
     Row(SOLVER_API, "isolux:timeBudget", "double", 0, 60, (0, None)),
-    Row(SOLVER_API, "isolux:photons", "int64", 0, 10**10, (0, None)),
+    Row(SOLVER_API, "isolux:photons", "int64", 0, 10**10, (0, 2**53)),
     Row(SOLVER_API, "isolux:seed", "int", 0, 7, (0, 2**31 - 1)),
     Row(SOLVER_API, "isolux:stages", "int", 8, 16, (1, 64)),
     Row(SOLVER_API, "isolux:filterAccuracy", "double", 0.05, 0.1, (0.001, 1)),

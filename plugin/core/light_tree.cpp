@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <utility>
 
 namespace isolux {
 namespace {
@@ -19,14 +20,6 @@ constexpr double kUnknownSpread = 1e6;
 // A cluster that may give so much more than from its centre is split whatever is allowed.
 constexpr double kNear = 30.0;
 
-// Of flat luminaires to the angle to a direction, what faces away counting as 0: that of their sum
-// as vectors, and of what cancels in it as if it pointed everywhere alike, a quarter.
-double mean_cosine(const LightCluster& cluster, const Vec3d& direction) {
-    const Vec3d& vector = cluster.vector_intensity;
-    const double cancelled = std::max(0.0, cluster.peak_intensity - length(vector));
-    return std::max(0.0, dot(vector, direction) + 0.25 * cancelled) / cluster.peak_intensity;
-}
-
 double angle_between(const Vec3d& a, const Vec3d& b) {
     return std::atan2(length(cross(a, b)), dot(a, b));
 }
@@ -38,6 +31,9 @@ LightTree::LightTree(std::span<const LuminaireIlluminance> luminaires)
     std::iota(order_.begin(), order_.end(), 0);
     clusters_.reserve(2 * luminaires.size());
     add_cluster(luminaires, 0, static_cast<std::int32_t>(luminaires.size()));
+    if (!follows_cosine_) {
+        clusters_.front().intensity.settle();
+    }
     cumulative_flux_.push_back(0.0);
     for (std::size_t i = 0; i < order_.size(); ++i) {
         places_[order_[i]] = static_cast<std::int32_t>(i);
@@ -63,10 +59,11 @@ std::int32_t LightTree::add_cluster(std::span<const LuminaireIlluminance> lumina
                 std::max(high.z, l.position.z)};
         axis += -l.z;
         cluster.luminous_flux += l.luminous_flux;
-        cluster.peak_intensity += luminaires[i].peak_intensity();
-        cluster.flat &= luminaires[i].follows_cosine();
-        cluster.vector_intensity += -l.z * luminaires[i].peak_intensity();
+        cluster.peak_intensity =
+            std::max(cluster.peak_intensity, luminaires[i].peak_intensity() / l.luminous_flux);
+        cluster.follows_cosine &= luminaires[i].follows_cosine();
     }
+    cluster.peak_intensity *= cluster.luminous_flux;
     cluster.centre = (low + high) * 0.5;
     cluster.half = (high - low) * 0.5;
     cluster.axis = normalize(axis);
@@ -78,11 +75,16 @@ std::int32_t LightTree::add_cluster(std::span<const LuminaireIlluminance> lumina
         cluster.reach = std::max(cluster.reach, luminaires[i].reach());
         cluster.own_radius = std::max(cluster.own_radius, luminaires[i].radius());
     }
-    cluster.follows_cosine = cluster.flat && cluster.spread < kAngleSlack;
-    clusters_.push_back(cluster);
+    cluster.follows_cosine &= cluster.spread < kAngleSlack;
+    follows_cosine_ = index == 0 ? cluster.follows_cosine : follows_cosine_;
     if (members.size() == 1) {
+        if (!follows_cosine_) {
+            cluster.intensity = ClusterIntensity(luminaires[members[0]]);
+        }
+        clusters_.push_back(std::move(cluster));
         return index;
     }
+    clusters_.push_back(std::move(cluster));
 
     const double turn = 0.5 * length(high - low);
     const auto coordinates = [&](std::int32_t i) -> std::array<double, 6> {
@@ -112,6 +114,13 @@ std::int32_t LightTree::add_cluster(std::span<const LuminaireIlluminance> lumina
     const std::int32_t high_child = add_cluster(luminaires, split, last);
     clusters_[index].children[0] = low_child;
     clusters_[index].children[1] = high_child;
+    if (!follows_cosine_) {
+        ClusterIntensity& low_half = clusters_[low_child].intensity;
+        ClusterIntensity& high_half = clusters_[high_child].intensity;
+        clusters_[index].intensity = ClusterIntensity(low_half, high_half);
+        low_half.settle();
+        high_half.settle();
+    }
     return index;
 }
 
@@ -161,10 +170,12 @@ void LightTree::choose_clusters(const Receiver& receiver,
     std::ranges::sort(out, {}, [](const ChosenCluster& c) { return c.cluster->first; });
 }
 
-// To first order, or as if even up to the most; few can be that bright [Bhatia & Davis 2000].
+// By place to first order or as if even up to the most, and by luminaire; few can be that bright
+// [Bhatia & Davis 2000].
 double ClusterIlluminance::variance() const {
     const double above = std::max(0.0, most - middle);
-    return middle > 0.0 ? std::min({above * above / 3.0, above * middle, spread * middle * middle})
+    const double places = std::min(above * above / 3.0, spread * middle * middle);
+    return middle > 0.0 ? std::min(above * middle, places + between * middle * middle)
                         : above * above / 12.0;
 }
 
@@ -207,22 +218,19 @@ ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiv
         slope += cluster.axis * (-1.0 / below) + to * -per_squared;
         first_order &= below > down;
     }
-    double turned = 0.0; // relative variance by what faces of them point to
-    if (cluster.flat && !cluster.follows_cosine) {
-        const double off = angle_between(cluster.axis, -to);
-        const double within = cluster.radius * per_distance;
-        const double range = cluster.spread + (within < 1.0 ? std::asin(within) : kPi);
-        const double largest = std::cos(std::max(0.0, off - range));
-        const double least = std::max(0.0, std::cos(std::min(kPi, off + range)));
-        const double mean = mean_cosine(cluster, to * -per_distance);
-        out.middle *= mean;
-        out.most *= std::max(0.0, largest);
-        const double relative = mean > 0.0 ? (largest - least) / mean : 0.0;
-        turned = mean > 0.0 ? relative * relative / 12.0 : kUnknownSpread;
+    double across = 0.0;
+    if (!cluster.follows_cosine) {
+        const DirectionalIntensity& towards = cluster.intensity.at(-to);
+        const double wide = out.angle / ClusterIntensity::kBinAngle;
+        out.middle *= towards.mean / cluster.peak_intensity;
+        // Beams so narrow that the bins may have missed them are looked for.
+        out.most *= wide < 1.0 && towards.most > 0.0F ? towards.most / cluster.peak_intensity : 1.0;
+        out.between = towards.between;
+        across = towards.across * wide * wide;
     }
     const Vec3d change{slope.x * cluster.half.x, slope.y * cluster.half.y,
                        slope.z * cluster.half.z};
-    out.spread = first_order ? dot(change, change) / 3.0 + turned : kUnknownSpread;
+    out.spread = first_order ? dot(change, change) / 3.0 + across : kUnknownSpread;
     return out;
 }
 

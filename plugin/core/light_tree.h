@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "core/cluster_intensity.h"
 #include "core/luminaire_illuminance.h"
 
 namespace isolux {
@@ -15,10 +16,9 @@ struct LightCluster {
     std::int32_t first = 0, last = 0;    // luminaires, in the tree's order
     std::int32_t children[2] = {-1, -1}; // none where first + 1 == last
     double luminous_flux = 0.0;          // lm
-    double peak_intensity = 0.0;         // cd, at most, of all together
-    bool follows_cosine = true;          // of the angle to one nadir, all of them
-    bool flat = true;                    // each of the angle to its own nadir
-    Vec3d vector_intensity{};            // cd, sum of the nadirs times their peak intensities
+    double peak_intensity = 0.0;         // cd, at most, of the whole by one of its luminaires
+    bool follows_cosine = true;          // of the angle to one nadir, all of them alike
+    ClusterIntensity intensity;          // empty if it follows the cosine
     Vec3d centre{}, half{};              // m; the middle of the luminaires' box, half its edges
     double radius = 0.0;                 // m, of the sphere that holds all luminaires
     double own_radius = 0.0;             // m, of the largest luminaire
@@ -32,7 +32,8 @@ struct LightCluster {
 struct ClusterIlluminance {
     double most = 0.0, middle = 0.0; // lx
     double angle = 0.0;              // rad, the cluster's radius as seen from the receiver
-    double spread = 0.0;             // relative variance between its luminaires, to first order
+    double spread = 0.0;             // relative variance by their places, to first order
+    double between = 0.0;            // relative variance by what they shine towards the receiver
 
     // Of the whole by one of its luminaires, chosen by flux, lx².
     double variance() const;
@@ -63,6 +64,7 @@ class LightTree {
     std::int32_t add_cluster(std::span<const LuminaireIlluminance> luminaires, std::int32_t first,
                              std::int32_t last);
 
+    bool follows_cosine_ = true; // the root
     std::vector<LightCluster> clusters_;
     std::vector<std::int32_t> order_, places_;
     std::vector<double> cumulative_flux_; // lm, in the tree's order, from 0

@@ -33,6 +33,8 @@ class LuminaireIlluminance {
     // Its intensity falls with the cosine to its nadir: flat, of constant luminance.
     bool follows_cosine() const;
 
+    double intensity(const Vec3d& to) const; // cd; from the receiver, world space, any length
+
     // lx. Exact for constant luminance; a goniometric diagram counts as a point beyond seven
     // openings, by quadrature over the opening nearer.
     double unoccluded(const Receiver& receiver) const;
@@ -54,7 +56,6 @@ class LuminaireIlluminance {
     double quadrature(const Receiver& receiver) const;
     double from_infinity(const Vec3d& normal) const;
     ShadowSample infinite_sample(const Receiver& receiver, double u, double v) const;
-    double intensity(const Vec3d& to) const; // cd; from the receiver, world space, any length
 
     Vec3d to_local(const Vec3d& v) const { return luminaire_.to_local(v); }
     Vec3d to_world(const Vec3d& v) const { return luminaire_.to_world(v); }

@@ -34,37 +34,32 @@ int fine_index(int x, int y) {
     return y * kFineSide + x;
 }
 
-int bin_of(const Vec3d& d) {
-    const double size = std::abs(d.x) + std::abs(d.y) + std::abs(d.z);
-    double u = d.x / size, v = d.y / size;
-    if (d.z < 0.0) {
-        const double folded = (1.0 - std::abs(v)) * sign(u);
-        v = (1.0 - std::abs(u)) * sign(v);
-        u = folded;
-    }
-    const auto place = [](double a) {
-        constexpr double kHalf = 0.5 * ClusterIntensity::kSide;
-        return static_cast<int>(std::clamp((a + 1.0) * kHalf, 0.0, 2.0 * kHalf - 1.0));
-    };
-    return place(v) * ClusterIntensity::kSide + place(u);
-}
-
 } // namespace
 
 ClusterIntensity::ClusterIntensity(const LuminaireIlluminance& luminaire)
-    : flux_(luminaire.luminaire().luminous_flux), fine_(kFineSide * kFineSide) {
+    : fine_(kFineSide * kFineSide), weights_(kSide * kSide) {
+    const double even = kEven * luminaire.luminaire().luminous_flux;
+    std::ranges::fill(weights_, static_cast<float>(even));
+    const auto weight = [this](int i) -> float& {
+        return weights_[i / kFineSide / kFinePerBin * kSide + i % kFineSide / kFinePerBin];
+    };
     for (int i = 0; i < kFineSide * kFineSide; ++i) {
         const auto middle = [](int k) { return (2.0 * k + 1.0) / kFineSide - 1.0; };
-        const double intensity =
-            luminaire.intensity(-unfolded(middle(i % kFineSide), middle(i / kFineSide)));
-        fine_[i] = {static_cast<float>(intensity),
-                    static_cast<float>(intensity * intensity / flux_),
-                    static_cast<float>(intensity / flux_)};
+        fine_[i].intensity = static_cast<float>(
+            luminaire.intensity(-unfolded(middle(i % kFineSide), middle(i / kFineSide))));
+        weight(i) += fine_[i].intensity / (kFinePerBin * kFinePerBin);
+    }
+    for (int i = 0; i < kFineSide * kFineSide; ++i) {
+        fine_[i].most = fine_[i].intensity / weight(i);
+        fine_[i].squares = fine_[i].intensity * fine_[i].most;
     }
 }
 
 ClusterIntensity::ClusterIntensity(const ClusterIntensity& a, const ClusterIntensity& b)
-    : flux_(a.flux_ + b.flux_), fine_(a.fine_) {
+    : fine_(a.fine_), weights_(a.weights_) {
+    for (std::size_t i = 0; i < weights_.size(); ++i) {
+        weights_[i] += b.weights_[i];
+    }
     for (std::size_t i = 0; i < fine_.size(); ++i) {
         fine_[i].intensity += b.fine_[i].intensity;
         fine_[i].squares += b.fine_[i].squares;
@@ -76,17 +71,18 @@ void ClusterIntensity::settle() {
     bins_.resize(kSide * kSide);
     constexpr double kCount = kFinePerBin * kFinePerBin;
     for (int bin = 0; bin < kSide * kSide; ++bin) {
+        const double weight = weights_[bin];
         double sum = 0.0, squared = 0.0, between = 0.0, most = 0.0;
         for (int y = -kAround; y < kFinePerBin + kAround; ++y) {
             for (int x = -kAround; x < kFinePerBin + kAround; ++x) {
                 const Fine& f =
                     fine_[fine_index(bin % kSide * kFinePerBin + x, bin / kSide * kFinePerBin + y)];
-                most = std::max(most, flux_ * f.most);
+                most = std::max(most, weight * f.most);
                 if (std::min(x, y) >= 0 && std::max(x, y) < kFinePerBin) {
                     const double mean = f.intensity;
                     sum += mean;
                     squared += mean * mean;
-                    between += std::max(0.0, flux_ * f.squares - mean * mean);
+                    between += std::max(0.0, weight * f.squares - mean * mean);
                 }
             }
         }
@@ -99,10 +95,22 @@ void ClusterIntensity::settle() {
         }
     }
     fine_ = {};
+    weights_ = {};
 }
 
-const DirectionalIntensity& ClusterIntensity::at(const Vec3d& direction) const {
-    return bins_[bin_of(direction)];
+int ClusterIntensity::bin(const Vec3d& d) {
+    const double size = std::abs(d.x) + std::abs(d.y) + std::abs(d.z);
+    double u = d.x / size, v = d.y / size;
+    if (d.z < 0.0) {
+        const double folded = (1.0 - std::abs(v)) * sign(u);
+        v = (1.0 - std::abs(u)) * sign(v);
+        u = folded;
+    }
+    const auto place = [](double a) { // the last for NaN
+        constexpr double kHalf = 0.5 * kSide;
+        return static_cast<int>(std::max(0.0, std::min(2.0 * kHalf - 1.0, (a + 1.0) * kHalf)));
+    };
+    return place(v) * kSide + place(u);
 }
 
 } // namespace isolux

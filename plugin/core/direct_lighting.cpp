@@ -108,6 +108,7 @@ class DirectLighting::Gathering {
     struct Share {
         std::int32_t luminaire = 0;
         const LightCluster* cluster = nullptr; // null: the luminaire alone
+        int bin = 0;                           // of directions, that it was chosen for
         double unoccluded = 0.0;               // lx
         double expected = 0.0; // lx, the same whichever of a cluster's luminaires is looked at
         double geometry = 0.0; // lx², variance of unoccluded light in a cluster
@@ -137,7 +138,7 @@ class DirectLighting::Gathering {
 
     void add_clusters();
     bool add(std::int32_t luminaire, double unoccluded, const LightCluster* cluster,
-             const ClusterIlluminance& bound);
+             const ClusterIlluminance& bound, int bin = 0);
     bool add_sampled(const LightCluster& cluster, const ClusterIlluminance& bound);
     void split(std::int32_t share);
     void refine();
@@ -229,13 +230,15 @@ void DirectLighting::Gathering::add_clusters() {
     }
 }
 
-// unoccluded : lx, of the luminaire alone. False where it gives no light.
+// unoccluded : lx, of the luminaire alone or over its probability in the cluster. False where it
+// gives no light.
 bool DirectLighting::Gathering::add(std::int32_t luminaire, double unoccluded,
-                                    const LightCluster* cluster, const ClusterIlluminance& bound) {
+                                    const LightCluster* cluster, const ClusterIlluminance& bound,
+                                    int bin) {
     const LuminaireIlluminance& light = lighting_.luminaires_[luminaire];
-    Share share{.luminaire = luminaire, .cluster = cluster};
+    Share share{.luminaire = luminaire, .cluster = cluster, .bin = bin};
     if (cluster != nullptr) {
-        share.unoccluded = unoccluded * cluster->luminous_flux / light.luminaire().luminous_flux;
+        share.unoccluded = unoccluded;
         share.expected = bound.middle;
         share.geometry = bound.variance();
         share.angle = bound.angle;
@@ -263,9 +266,12 @@ bool DirectLighting::Gathering::add_sampled(const LightCluster& cluster,
     }
     const auto node = static_cast<std::uint64_t>(&cluster - lighting_.tree_->clusters().data());
     const double u = static_cast<double>(mix64(key_ + mix64(~node)) >> 11) * 0x1p-53;
-    const std::int32_t luminaire = lighting_.tree_->choose(cluster, u);
-    return add(luminaire, lighting_.luminaires_[luminaire].unoccluded(receiver_),
-               cluster.children[0] >= 0 ? &cluster : nullptr, bound);
+    const int bin =
+        cluster.follows_cosine ? 0 : ClusterIntensity::bin(receiver_.position - cluster.centre);
+    const auto [luminaire, probability] = lighting_.tree_->choose(cluster, bin, u);
+    const double unoccluded = lighting_.luminaires_[luminaire].unoccluded(receiver_);
+    return cluster.children[0] >= 0 ? add(luminaire, unoccluded / probability, &cluster, bound, bin)
+                                    : add(luminaire, unoccluded, nullptr, bound);
 }
 
 // The half that holds the sampled luminaire keeps its shadow ray.
@@ -275,15 +281,16 @@ void DirectLighting::Gathering::split(std::int32_t index) {
     const LightTree& tree = *lighting_.tree_;
     const LightCluster* kept = &tree.clusters()[parent.cluster->children[0]];
     const LightCluster* other = &tree.clusters()[parent.cluster->children[1]];
+    double share = tree.first_half(*parent.cluster, parent.bin);
     if (tree.place(parent.luminaire) >= kept->last) {
         std::swap(kept, other);
+        share = 1.0 - share;
     }
     const auto first = static_cast<std::int32_t>(shares_.size());
     const ClusterIlluminance bound = cluster_illuminance(*kept, receiver_);
-    const double share_of_flux = lighting_.luminaires_[parent.luminaire].luminaire().luminous_flux /
-                                 parent.cluster->luminous_flux;
-    const bool halved = bound.most > 0.0 && add(parent.luminaire, parent.unoccluded * share_of_flux,
-                                                kept->children[0] >= 0 ? kept : nullptr, bound);
+    const bool halved =
+        bound.most > 0.0 && add(parent.luminaire, parent.unoccluded * share,
+                                kept->children[0] >= 0 ? kept : nullptr, bound, parent.bin);
     if (halved) {
         Share& s = shares_.back();
         s.samples = s.wanted = parent.samples;

@@ -17,6 +17,12 @@ constexpr double kAngleSlack = 1e-6;
 // Relative variance where the horizon passes through a cluster: large.
 constexpr double kUnknownSpread = 1e6;
 
+// The largest number below 1.
+constexpr double kBelowOne = 1.0 - 0x1p-53;
+
+// Of half a bin of directions: clusters that look wider may shine elsewhere than their bin tells.
+constexpr double kNarrow = 0.5;
+
 // A cluster that may give so much more than from its centre is split whatever is allowed.
 constexpr double kNear = 30.0;
 
@@ -32,7 +38,7 @@ LightTree::LightTree(std::span<const LuminaireIlluminance> luminaires)
     clusters_.reserve(2 * luminaires.size());
     add_cluster(luminaires, 0, static_cast<std::int32_t>(luminaires.size()));
     if (!follows_cosine_) {
-        clusters_.front().intensity.settle();
+        clusters_.front().intensity->settle();
     }
     cumulative_flux_.push_back(0.0);
     for (std::size_t i = 0; i < order_.size(); ++i) {
@@ -79,7 +85,7 @@ std::int32_t LightTree::add_cluster(std::span<const LuminaireIlluminance> lumina
     follows_cosine_ = index == 0 ? cluster.follows_cosine : follows_cosine_;
     if (members.size() == 1) {
         if (!follows_cosine_) {
-            cluster.intensity = ClusterIntensity(luminaires[members[0]]);
+            cluster.intensity = std::make_shared<ClusterIntensity>(luminaires[members[0]]);
         }
         clusters_.push_back(std::move(cluster));
         return index;
@@ -115,21 +121,42 @@ std::int32_t LightTree::add_cluster(std::span<const LuminaireIlluminance> lumina
     clusters_[index].children[0] = low_child;
     clusters_[index].children[1] = high_child;
     if (!follows_cosine_) {
-        ClusterIntensity& low_half = clusters_[low_child].intensity;
-        ClusterIntensity& high_half = clusters_[high_child].intensity;
-        clusters_[index].intensity = ClusterIntensity(low_half, high_half);
+        ClusterIntensity& low_half = *clusters_[low_child].intensity;
+        ClusterIntensity& high_half = *clusters_[high_child].intensity;
+        clusters_[index].intensity = std::make_shared<ClusterIntensity>(low_half, high_half);
         low_half.settle();
         high_half.settle();
     }
     return index;
 }
 
-std::int32_t LightTree::choose(const LightCluster& cluster, double u) const {
-    const auto begin = cumulative_flux_.begin() + cluster.first;
-    const auto end = cumulative_flux_.begin() + cluster.last;
-    const double flux = *begin + u * (*end - *begin);
-    const auto above = std::upper_bound(begin + 1, end, flux);
-    return order_[above - cumulative_flux_.begin() - 1];
+double LightTree::first_half(const LightCluster& cluster, int bin) const {
+    const auto weight = [&](const LightCluster& half) {
+        return cluster.follows_cosine
+                   ? half.luminous_flux
+                   : half.intensity->at(bin).mean + ClusterIntensity::kEven * half.luminous_flux;
+    };
+    const double first = weight(clusters_[cluster.children[0]]);
+    return first / (first + weight(clusters_[cluster.children[1]]));
+}
+
+LightTree::Choice LightTree::choose(const LightCluster& cluster, int bin, double u) const {
+    const LightCluster* c = &cluster;
+    double probability = 1.0;
+    while (!c->follows_cosine && c->children[0] >= 0) {
+        const double first = first_half(*c, bin);
+        const bool second = u >= first;
+        const double share = second ? 1.0 - first : first;
+        u = std::min((second ? u - first : u) / share, kBelowOne);
+        probability *= share;
+        c = &clusters_[c->children[second ? 1 : 0]];
+    }
+    const auto begin = cumulative_flux_.begin() + c->first;
+    const auto end = cumulative_flux_.begin() + c->last;
+    const double all = *end - *begin;
+    const auto above = std::upper_bound(begin + 1, end, *begin + u * all);
+    return {order_[above - cumulative_flux_.begin() - 1],
+            probability * (*above - *(above - 1)) / all};
 }
 
 // The largest variance is split first.
@@ -220,11 +247,12 @@ ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiv
     }
     double across = 0.0;
     if (!cluster.follows_cosine) {
-        const DirectionalIntensity& towards = cluster.intensity.at(-to);
+        const DirectionalIntensity& towards = cluster.intensity->at(ClusterIntensity::bin(-to));
         const double wide = out.angle / ClusterIntensity::kBinAngle;
         out.middle *= towards.mean / cluster.peak_intensity;
         // Beams so narrow that the bins may have missed them are looked for.
-        out.most *= wide < 1.0 && towards.most > 0.0F ? towards.most / cluster.peak_intensity : 1.0;
+        out.most *=
+            wide < kNarrow && towards.most > 0.0F ? towards.most / cluster.peak_intensity : 1.0;
         out.between = towards.between;
         across = towards.across * wide * wide;
     }

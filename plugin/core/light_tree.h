@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -18,13 +19,13 @@ struct LightCluster {
     double luminous_flux = 0.0;          // lm
     double peak_intensity = 0.0;         // cd, at most, of the whole by one of its luminaires
     bool follows_cosine = true;          // of the angle to one nadir, all of them alike
-    ClusterIntensity intensity;          // empty if it follows the cosine
-    Vec3d centre{}, half{};              // m; the middle of the luminaires' box, half its edges
-    double radius = 0.0;                 // m, of the sphere that holds all luminaires
-    double own_radius = 0.0;             // m, of the largest luminaire
-    Vec3d axis{};                        // unit; mean of the luminaires' nadirs
-    double spread = 0.0;                 // rad, widest angle from the axis to a nadir
-    double reach = 0.0;                  // rad, widest angle from its nadir that a luminaire lights
+    std::shared_ptr<ClusterIntensity> intensity; // none if it follows the cosine
+    Vec3d centre{}, half{};  // m; the middle of the luminaires' box, half its edges
+    double radius = 0.0;     // m, of the sphere that holds all luminaires
+    double own_radius = 0.0; // m, of the largest luminaire
+    Vec3d axis{};            // unit; mean of the luminaires' nadirs
+    double spread = 0.0;     // rad, widest angle from the axis to a nadir
+    double reach = 0.0;      // rad, widest angle from its nadir that a luminaire lights
 };
 
 // Illuminance that a cluster may give a receiver if nothing is in the way: no more than `most`,
@@ -50,8 +51,15 @@ class LightTree {
 
     // The root first.
     std::span<const LightCluster> clusters() const { return clusters_; }
-    // A luminaire of the cluster by luminous flux, u uniform in [0, 1).
-    std::int32_t choose(const LightCluster& cluster, double u) const;
+    // A luminaire of the cluster and its probability, by luminous flux, or where they differ in it
+    // by intensity in the direction of a bin; u uniform in [0, 1).
+    struct Choice {
+        std::int32_t luminaire;
+        double probability;
+    };
+    Choice choose(const LightCluster& cluster, int bin, double u) const;
+    // Probability that what is chosen of the cluster is in its first half.
+    double first_half(const LightCluster& cluster, int bin) const;
     // All that may light the receiver, in the tree's order, in clusters whose luminaires differ so
     // little in what they may give that the square root of the sum of their variances is allowed,
     // lx, as a function of the illuminance expected of them all, lx.

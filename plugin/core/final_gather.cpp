@@ -22,7 +22,8 @@ constexpr double kLeastGain = 0.1;
 constexpr int kReflections = 3;
 // Square deviation of photons from what is known, in their variances, that is put down to chance.
 constexpr double kChance = 2.0;
-// Photons that a side of a mesh is thought to have beside its own, as many as are expected.
+// Photons that a side of a mesh is thought to have beside its own, as many as are expected, where
+// its own differ from what is known by no more than chance.
 constexpr double kPhotonsOfSide = 1000.0;
 // Change of direct light from vertex to vertex, of all light there, above which it isn't taken
 // for linear between them.
@@ -101,7 +102,10 @@ std::vector<Vec3f> FinalGather::joined(std::span<const Vec3f> counted, std::span
     }
     for (const std::int32_t v : lit_) {
         const auto [all, found] = flux[side(receivers_[v])];
-        const double prior = kPhotonsOfSide * photon_flux;
+        const double square = (all - found) * (all - found);
+        const double chance = kChance * (found + photon_flux) * photon_flux;
+        const double by_chance = square > chance ? chance / square : 1.0;
+        const double prior = by_chance * kPhotonsOfSide * photon_flux;
         out[v] = out[v] * static_cast<float>(found > 0.0 ? (all + prior) / (found + prior) : 1.0);
     }
     return out;

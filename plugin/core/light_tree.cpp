@@ -81,6 +81,10 @@ std::int32_t LightTree::add_cluster(std::span<const LuminaireIlluminance> lumina
         cluster.reach = std::max(cluster.reach, luminaires[i].reach());
         cluster.own_radius = std::max(cluster.own_radius, luminaires[i].radius());
     }
+    // Luminaires that point in opposite directions, as the sides of a box, have no common one.
+    if (length(axis) < kAngleSlack * static_cast<double>(members.size())) {
+        cluster.spread = kPi;
+    }
     cluster.follows_cosine &= cluster.spread < kAngleSlack;
     follows_cosine_ = index == 0 ? cluster.follows_cosine : follows_cosine_;
     if (members.size() == 1) {

@@ -25,6 +25,10 @@ constexpr double kChance = 2.0;
 // Photons that a side of a mesh is thought to have beside its own, as many as are expected, where
 // its own differ from what is known by no more than chance.
 constexpr double kPhotonsOfSide = 1000.0;
+// Visible share of a bucket, below which its photons say nothing of the light beside.
+constexpr double kLeastVisible = 0.125;
+// Independent points that would tell the visible share as well as those of a sequence.
+constexpr double kVisiblePoints = 256.0;
 // Change of direct light from vertex to vertex, of all light there, above which it isn't taken
 // for linear between them.
 constexpr float kRough = 0.25F;
@@ -45,10 +49,10 @@ float relative_spread(float low, float high, float all) {
 } // namespace
 
 FinalGather::FinalGather(const Scene& scene, std::uint64_t seed)
-    : scene_(scene), tracer_(scene, seed), receivers_(vertex_receivers(scene.mesh())),
+    : scene_(scene), seed_(seed), tracer_(scene, seed), receivers_(vertex_receivers(scene.mesh())),
       regression_(scene.mesh(), receivers_), reflectances_(receivers_.size()),
       records_(receivers_.size()), smooth_(receivers_.size()), hidden_(receivers_.size()),
-      covered_(receivers_.size()), rough_(receivers_.size()) {
+      rough_(receivers_.size()) {
     exitances_.seen.resize(receivers_.size());
     const IlluminationMesh& mesh = scene.mesh();
     for (std::size_t v = 0; v < receivers_.size(); ++v) {
@@ -79,26 +83,28 @@ FinalGather::FinalGather(const Scene& scene, std::uint64_t seed)
 std::vector<Vec3f> FinalGather::joined(std::span<const Vec3f> counted, std::span<const Vec3f> known,
                                        std::span<const double> variance, double photon_flux) const {
     const std::vector<double>& areas = scene_.mesh().areas;
-    std::vector<Vec3f> out(counted.size());
+    std::vector<Vec3f> out(known.begin(), known.end());
+    uncover(out);
     std::vector<std::array<double, 2>> flux(6 * scene_.mesh().meshes.size()); // lm: counted, joined
     for (const std::int32_t v : lit_) {
-        const double photon = photon_flux / areas[v]; // lx
-        const double n = luminance(counted[v].as<double>()), k = luminance(known[v].as<double>());
-        // Of the known light, lest low counts seem surer than high ones; and of one more.
-        const double both = (k + photon) * photon + variance[v];
-        const double square = (n - k) * (n - k);
-        const double by_chance = square > kChance * both ? kChance * both / square : 1.0;
-        const double best = both > 0.0 ? variance[v] / both : 1.0; // share of the photons
-        double share = 1.0 - (1.0 - best) * by_chance;
-        if (covered_[v] != 0 && n < k) { // photons are missing where they can't come
-            share = 0.0;
+        const double visible = visible_.nearest[v];
+        const Vec3f found = counted[v] * static_cast<float>(visible > 0.0 ? 1.0 / visible : 0.0);
+        const double n = luminance(found.as<double>()), k = luminance(out[v].as<double>());
+        if (visible >= kLeastVisible) {
+            const double photon = photon_flux / (areas[v] * visible); // lx
+            // Of the known light, lest low counts seem surer than high ones; and of one more.
+            const double chance =
+                (k + photon) * photon + k * k * (1.0 - visible) / (visible * kVisiblePoints);
+            const double both = chance + variance[v];
+            const double square = (n - k) * (n - k);
+            const double by_chance = square > kChance * both ? kChance * both / square : 1.0;
+            const double best = both > 0.0 ? variance[v] / both : 1.0; // share of the photons
+            const double share = 1.0 - (1.0 - best) * by_chance;
+            out[v] += (found - out[v]) * static_cast<float>(share);
         }
-        out[v] = known[v] + (counted[v] - known[v]) * static_cast<float>(share);
-        if (covered_[v] != 0) {
-            continue;
-        }
-        flux[side(receivers_[v])][0] += areas[v] * n;
-        flux[side(receivers_[v])][1] += areas[v] * luminance(out[v].as<double>());
+        flux[side(receivers_[v])][0] += areas[v] * luminance(counted[v].as<double>());
+        flux[side(receivers_[v])][1] +=
+            areas[v] * static_cast<double>(visible_.linear[v]) * luminance(out[v].as<double>());
     }
     for (const std::int32_t v : lit_) {
         const auto [all, found] = flux[side(receivers_[v])];
@@ -136,7 +142,6 @@ void FinalGather::find_exitances(const KnownLight& light) {
             illuminance[v] += known[v];
         }
     }
-    uncover(illuminance);
     for (const std::int32_t v : lit_) {
         const Vec3f m = reflectances_[v] * illuminance[v];
         exitances_.seen[v] = {m.x, m.y, m.z, 0.0F};
@@ -158,7 +163,6 @@ void FinalGather::find_exitances(const KnownLight& light) {
 void FinalGather::find_hidden(const KnownLight& light) {
     constexpr std::uint32_t kEnough = 8; // rays
     std::ranges::fill(hidden_, 0);
-    std::ranges::fill(covered_, 0);
     if (light.direct.empty() || light.indirect.empty()) {
         return;
     }
@@ -166,13 +170,15 @@ void FinalGather::find_hidden(const KnownLight& light) {
         const GatherRecord& r = records_[v];
         hidden_[v] = r.rays() >= kEnough && light.direct[v] == Vec3f{} &&
                      std::ranges::all_of(r.hits, [](std::int32_t hit) { return hit == -1; });
-        if (hidden_[v] != 0) {
-            covered_[v] = 1;
-            for (const std::int32_t beside : regression_.neighbours(v)) {
-                covered_[beside] = 1;
-            }
-        }
     }
+}
+
+void FinalGather::find_visible(const KnownLight& light, int threads) {
+    std::vector<std::uint8_t> lit(receivers_.size());
+    for (std::size_t v = 0; v < lit.size(); ++v) {
+        lit[v] = light.all[v] != Vec3f{} || (!light.direct.empty() && light.direct[v] != Vec3f{});
+    }
+    visible_ = visible_area(scene_, lit, seed_, threads);
 }
 
 // Light goes on below what hides a vertex as it is beside.
@@ -359,6 +365,7 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
             }
             bright_ = BrightPatches(scene_, receivers_, exitances);
         }
+        find_visible(light, threads);
         find_exitances(light);
         std::uint32_t rays = kFirstRays;
         while (rays > kFewestRays && rays * lit_.size() > ray_budget) {

@@ -14,6 +14,7 @@
 
 #include "core/gather_records.h"
 #include "core/local_regression.h"
+#include "core/visible_area.h"
 
 namespace isolux {
 
@@ -46,6 +47,7 @@ class FinalGather {
     std::vector<Vec3f> joined(std::span<const Vec3f> counted, std::span<const Vec3f> known,
                               std::span<const double> variance, double photon_flux) const;
     void find_hidden(const KnownLight& light);
+    void find_visible(const KnownLight& light, int threads);
     void uncover(std::span<Vec3f> illuminance) const;
     void find_exitances(const KnownLight& light);
     void find_rough(const KnownLight& light);
@@ -56,6 +58,7 @@ class FinalGather {
     void spend(std::uint64_t end, int threads);
 
     const Scene& scene_;
+    std::uint64_t seed_;
     RecordTracer tracer_;
     std::vector<Receiver> receivers_;
     LocalRegression regression_;
@@ -66,8 +69,8 @@ class FinalGather {
     std::vector<SmoothIlluminance> smooth_; // one a vertex, of the records
     Exitances exitances_;
     BrightPatches bright_;
-    // Vertices inside of others' bodies, and those beside them, whose buckets are half covered.
-    std::vector<std::uint8_t> hidden_, covered_;
+    std::vector<std::uint8_t> hidden_; // vertices inside of others' bodies
+    VisibleArea visible_;
     std::span<const Vec3f> direct_;   // of the light in hand
     std::vector<std::uint8_t> rough_; // one a vertex: direct light changes from it to the next
     double noise_share_ = 1.0; // of the variance of independent rays, that a Sobol sequence leaves

@@ -140,11 +140,15 @@ def test_a_floor_of_two_triangles_reflects_the_pool_of_light_on_it():
     assert rms < 0.05 * np.mean(expected)
 
 
-def gathered_from_direct(traced, light, rays):
-    """As from photons without number; light : (V,) lx, that comes straight from the luminaires"""
-    direct = np.repeat(np.asarray(light, np.float32)[:, None], 3, axis=1)
+def gathered_from_direct(traced, light, rays, arrived=None):
+    """As from photons without number; light : (V,) lx, that comes straight from the luminaires.
+
+    arrived : the same as photons tell it, over all of a vertex' area
+    """
+    both = (light, light if arrived is None else arrived)
+    direct, buckets = (np.repeat(np.asarray(e, np.float32)[:, None], 3, axis=1) for e in both)
     gather = _core.FinalGather(traced.scene, 1)
-    found = gather.advance(direct, rays, 2, np.zeros_like(direct), 1e-9, direct)
+    found = gather.advance(buckets, rays, 2, np.zeros_like(direct), 1e-9, direct)
     return found["indirect"] @ WEIGHTS, found
 
 
@@ -183,8 +187,11 @@ def test_a_vertex_in_the_foot_of_a_column_does_not_darken_the_floor_around_it():
     place = traced.scene.receiver_positions[at_floor]
     light = np.zeros(len(traced.areas))
     light[at_floor] = np.where(np.abs(place[:, :2]).max(axis=1) > 0.2, 100.0, 0.0)
-    assert (light[at_floor] == 0).sum() == 1
-    found, _ = gathered_from_direct(traced, light, 1_000 * len(light))
+    hidden = at_floor.start + np.flatnonzero(light[at_floor] == 0)
+    assert len(hidden) == 1
+    arrived = light.copy()
+    arrived[hidden] = 100 - 100 * 0.4**2 / traced.areas[hidden]  # by what is nearest to it
+    found, _ = gathered_from_direct(traced, light, 1_000 * len(light), arrived)
     x = (np.arange(200) + 0.5) / 100 - 1
     a, b = (grid.ravel() for grid in np.meshgrid(x, x))
     seen = np.maximum(np.abs(a), np.abs(b)) > 0.2
@@ -195,3 +202,29 @@ def test_a_vertex_in_the_foot_of_a_column_does_not_darken_the_floor_around_it():
         for p in traced.scene.receiver_positions[at_ceiling]
     ]
     assert found[at_ceiling] == pytest.approx(expected, rel=0.03)
+
+
+def test_what_covers_a_floor_between_its_vertices_takes_no_light_from_the_rest(validation):
+    """A cube of 2 m; strips of wood cover half of its floor and ceiling, none of their vertices."""
+    cube = box((2, 2, 2), 0.2).flipped()
+    strips = [
+        surface(box((1.98, 0.1, 0.004), 0.2).moved(y=0.2 * i - 0.9, z=z), 0.6)
+        for i in range(10)
+        for z in (-1, 1)
+    ]
+    traced = trace([surface(cube, 0.6), *strips], [luminaire(1000.0)], 1_000_000)
+    to_lamp = -traced.scene.receiver_positions
+    squared = (to_lamp**2).sum(axis=1)
+    cosine = (to_lamp * traced.scene.vertex_normals).sum(axis=1) / np.sqrt(squared)
+    inside = np.abs(to_lamp).max(axis=1) < 1 + 1e-9
+    direct = np.where(inside, np.maximum(0.0, cosine), 0.0) * 1000 / (4 * np.pi) / squared
+    colours = np.repeat(direct.astype(np.float32)[:, None], 3, axis=1)
+    light = traced.buckets.illuminance(traced.scene)
+    found = _core.FinalGather(traced.scene, 1).advance(
+        np.ascontiguousarray(light.sum(axis=1)), 300_000, 2,
+        np.ascontiguousarray(light[:, 1]), traced.photon_flux, colours,
+    )  # fmt: skip
+    room = traced.front(0)
+    mean = np.average((found["indirect"] @ WEIGHTS)[room], weights=traced.areas[room])
+    case = "closed cube, its floor half covered, mean by gather"
+    validation.check(case, 0.6 * 1000 / 24 / (1 - 0.6), np.array([mean]), relative=0.015)

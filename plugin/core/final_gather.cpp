@@ -311,6 +311,20 @@ void FinalGather::smooth(int threads) {
                      static_cast<float>(record.rays())};
     }
     regression_.fit(values, smooth_, threads);
+    // Planes fall short of light that drops towards an edge: each side keeps the mean of its rays.
+    std::vector<std::array<double, 2>> flux(6 * scene_.mesh().meshes.size()); // lm: rays', smooth
+    for (const std::int32_t v : lit_) {
+        const double area = scene_.mesh().areas[v];
+        auto& [gathered, fitted] = flux[side(receivers_[v])];
+        gathered += area * luminance(records_[v].illuminance.as<double>());
+        fitted += area * luminance(smooth_[v].illuminance.as<double>());
+    }
+    for (const std::int32_t v : lit_) {
+        const auto [gathered, fitted] = flux[side(receivers_[v])];
+        if (fitted > 0.0) {
+            smooth_[v].illuminance = smooth_[v].illuminance * static_cast<float>(gathered / fitted);
+        }
+    }
 }
 
 void FinalGather::spend(std::uint64_t end, int threads) {

@@ -49,7 +49,7 @@ def assert_lit_by_a_point(
     "Φ/(A(1−ρ)) inside of the inner box, exactly 0 on its outside and in the outer box",
 )
 def nested_boxes() -> None:
-    inner, outer = box((1, 1, 1), 0.5), box((2, 2, 2), 1.0).flipped()
+    inner, outer = box((1, 1, 1), 0.125), box((2, 2, 2), 1.0).flipped()
     text = mesh("Inner", inner, 0.8, SIDED) + mesh("Outer", outer, 0.8)
     for method in ("dept", "composite", "ddl+hpr"):
         lit = solved(text + point_light(FLUX, (0.1, 0.05, 0.2)), method)

@@ -5,6 +5,7 @@
 #include <limits>
 #include <vector>
 
+#include "core/float_traps.h"
 #include "core/parallel.h"
 
 namespace isolux {
@@ -17,6 +18,7 @@ constexpr std::size_t kPart = 1 << 14;
 template <typename Visit> void for_parts(std::size_t n, int threads, const Visit& visit) {
     const std::size_t parts = (n + kPart - 1) / kPart;
     const auto one = [&](std::size_t part) {
+        [[maybe_unused]] const FloatTraps traps(false); // authored NaNs are looked for here
         visit(part, part * kPart, std::min(n, (part + 1) * kPart));
     };
     if (parts <= 1 || threads == 1) {

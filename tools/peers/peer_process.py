@@ -51,7 +51,7 @@ class PeerProcess:
         self._count = len(scene.positions)
         self._process = subprocess.Popen(
             [
-                python, "-m", "peers.worker", peer, path / "scene.npz", path,
+                Path(python).absolute(), "-m", "peers.worker", peer, path / "scene.npz", path,
                 "--threads", str(threads),
             ],
             cwd=Path(__file__).parents[1], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,

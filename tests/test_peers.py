@@ -10,8 +10,8 @@ import pytest
 sys.path.append(str(Path(__file__).parents[1] / "tools"))  # where the tools import each other
 from peers.agreement import agreement
 from peers.export import export_scene, lit_vertices, refuse_what_peers_lack
-from peers.figure import Place, Reached, time_to
 from peers.peer_scene import PeerScene
+from peers.time_to_error import Place, Reached, time_to
 from reference import PathTracedReference
 from usd_scenes.shapes import box
 from usd_scenes.stage_writing import PHOTOMETRY

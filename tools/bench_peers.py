@@ -29,9 +29,10 @@ from bench_report import commit, cpu_name, print_table
 from convergence import error_curve
 from peers.agreement import QUANTITY, agreement
 from peers.export import export_scene, lit_vertices, refuse_what_peers_lack
-from peers.figure import Place, plot_errors, time_to
+from peers.figure import plot_errors
 from peers.peer_process import NAMES, QUALITIES, PeerProcess, Seconds
 from peers.peer_scene import PeerScene
+from peers.time_to_error import Place, time_to
 from reference import TOTAL, PathTracedReference, path_traced_reference
 
 from isolux import _core

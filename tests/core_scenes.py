@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from usd_scenes.shapes import Shape, rectangle
 
 from isolux import _core
+from isolux.core_scene import mesh_triangles
 from isolux.scene_description import LuminaireDescription, LuminaireShape, MeshDescription
 
 WHITE = (1.0, 1.0, 1.0)
@@ -169,13 +170,7 @@ def build(
             continue
         if light.shape == "mesh":
             shining = next(m for m in meshes if m.path == light.path)
-            corners, faces = _core.triangulate(
-                shining.points,
-                shining.face_vertex_counts,
-                shining.face_vertex_indices,
-                shining.hole_faces,
-                shining.flip_winding,
-            )
+            corners, faces = mesh_triangles(shining)
             luminance = np.broadcast_to(shining.emission, (len(shining.face_vertex_counts), 3))
             builder.add_mesh_luminaire(
                 shining.points,
@@ -230,9 +225,7 @@ def bucket_flux(
     divisions : of each edge of a triangle, for quadrature at the centroids of the small triangles
     """
     m = traced.meshes[mesh]
-    corners, _ = _core.triangulate(
-        m.points, m.face_vertex_counts, m.face_vertex_indices, m.hole_faces, m.flip_winding
-    )
+    corners, _ = mesh_triangles(m)
     begin, end, _, corner_vertices = traced.scene.mesh_ranges[mesh]
     p, q, r = m.points[m.face_vertex_indices[corners]].transpose(1, 0, 2)
     normals = np.cross(q - p, r - p)

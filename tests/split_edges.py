@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from isolux import _core
+from isolux.core_scene import mesh_triangles
 from isolux.scene_description import SceneDescription
 from isolux.solution import MeshLayout, RefinedMesh
 
@@ -58,13 +59,7 @@ class SplitMesh:
         elements, points, twins, first_point = [], [], [], 0
         for mesh in scene.meshes:
             layout = layouts[mesh.path]
-            corners, _ = _core.triangulate(
-                mesh.points,
-                mesh.face_vertex_counts,
-                mesh.face_vertex_indices,
-                mesh.hole_faces,
-                mesh.flip_winding,
-            )
+            corners, _ = mesh_triangles(mesh)
             elements.append(layout.corner_vertices[corners] + layout.front.start)
             count = layout.front.stop - layout.front.start
             _, place = np.unique(mesh.points, axis=0, return_inverse=True)

@@ -23,10 +23,10 @@ from usd_scenes.office.generate import generate as generate_office
 from usd_scenes.spot_room.generate import generate as generate_spot_room
 
 from isolux import _core
+from isolux.core_scene import build_core_scene, mesh_triangles
 from isolux.scene_description import SceneDescription
 from isolux.settings import SolverSettings
 from isolux.solution import LUMINANCE_WEIGHTS
-from isolux.solver import build_core_scene
 from isolux.stage_reader import read_stage
 
 GENERATED = {"spot room": generate_spot_room, "office": generate_office}
@@ -165,13 +165,7 @@ def _element_reflectance(scene: SceneDescription) -> Array:
     """(T, 3) of each element of the scene."""
     parts = []
     for mesh in scene.meshes:
-        _, faces = _core.triangulate(
-            mesh.points,
-            mesh.face_vertex_counts,
-            mesh.face_vertex_indices,
-            mesh.hole_faces,
-            mesh.flip_winding,
-        )
+        _, faces = mesh_triangles(mesh)
         by_face = len(mesh.reflectance) > 1
         parts.append(mesh.reflectance[faces if by_face else np.zeros(len(faces), int)])
     return np.concatenate(parts).astype(float)

@@ -62,6 +62,7 @@ void bind_direct_lighting(nb::module_& module) {
             },
             "scene"_a, "seed"_a, "accuracy"_a, nb::keep_alive<1, 2>(),
             "accuracy : error relative to the total illuminance at which shadow rays stop")
+        .def("aim_at", &DirectLighting::aim_at, "accuracy"_a, "Light as exactly from now on.")
         .def(
             "illuminate", &illuminate, "positions"_a, "normals"_a, "indirect"_a, "threads"_a,
             "meshes"_a.none() = nb::none(),

@@ -278,7 +278,6 @@ nb::dict filter(const IlluminationFilter& self, const Scene& scene, const Photon
     nb::dict out;
     out["relative_deviation"] = hand_over(total_deviation(direct, indirect));
     out["direct_relative_deviation"] = hand_over(relative_deviation(direct));
-    out["indirect_relative_deviation"] = hand_over(relative_deviation(indirect));
     out["direct_standard_error"] = hand_over(std::move(direct.standard_error));
     out["indirect_standard_error"] = hand_over(std::move(indirect.standard_error));
     out["direct"] = hand_over(std::move(direct.illuminance));

@@ -5,19 +5,6 @@
 namespace isolux {
 namespace {
 
-// Calls each(vertices, m²) for the sides of all elements, with a third of their area.
-template <typename Each> void for_each_side(const IlluminationMesh& mesh, const Each& each) {
-    for (const MeshElement& element : mesh.elements) {
-        const double third = mesh.area(element) / 3.0;
-        const std::int32_t back = mesh.surface(element).back_offset;
-        each(element.vertices, third);
-        if (back >= 0) {
-            const auto& [a, b, c] = element.vertices;
-            each(std::array{a + back, b + back, c + back}, third);
-        }
-    }
-}
-
 void divide(std::vector<double>& sums, const std::vector<double>& areas) {
     for (std::size_t v = 0; v < sums.size(); ++v) {
         sums[v] = areas[v] > 0.0 ? sums[v] / areas[v] : 0.0;
@@ -29,7 +16,8 @@ void divide(std::vector<double>& sums, const std::vector<double>& areas) {
 // 11/18, of each other one 7/36.
 std::vector<double> offset(const IlluminationMesh& mesh, std::span<const double> at_vertices) {
     std::vector<double> out(at_vertices.size());
-    for_each_side(mesh, [&](const std::array<std::int32_t, 3>& vertices, double third) {
+    for_each_side(mesh, [&](const MeshElement& element, const auto& vertices) {
+        const double third = mesh.area(element) / 3.0;
         const auto& [a, b, c] = vertices;
         const double all = at_vertices[a] + at_vertices[b] + at_vertices[c];
         for (const std::int32_t v : vertices) {
@@ -54,7 +42,8 @@ std::vector<double> bucket_offset(const IlluminationMesh& mesh, std::span<const 
 std::vector<double> offset_square(const IlluminationMesh& mesh, std::span<const double> offsets) {
     // As much again for what bends between vertices; where none of it shows at one, it does around.
     std::vector<double> out(offsets.size());
-    for_each_side(mesh, [&](const std::array<std::int32_t, 3>& vertices, double third) {
+    for_each_side(mesh, [&](const MeshElement& element, const auto& vertices) {
+        const double third = mesh.area(element) / 3.0;
         double square = 0.0;
         for (const std::int32_t v : vertices) {
             square += offsets[v] * offsets[v] / 3.0;
@@ -74,7 +63,8 @@ std::vector<double> offset_square(const IlluminationMesh& mesh, std::span<const 
 // others 14/432.
 std::vector<double> bucket_variance(const IlluminationMesh& mesh, std::span<const double> at) {
     std::vector<double> out(at.size());
-    for_each_side(mesh, [&](const std::array<std::int32_t, 3>& vertices, double third) {
+    for_each_side(mesh, [&](const MeshElement& element, const auto& vertices) {
+        const double third = mesh.area(element) / 3.0;
         for (const std::size_t k : {0U, 1U, 2U}) {
             const std::int32_t v = vertices[k];
             const double b = at[vertices[(k + 1) % 3]] - at[v],

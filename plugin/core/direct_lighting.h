@@ -33,6 +33,8 @@ class DirectLighting {
   public:
     DirectLighting(const Scene& scene, const DirectLightingSettings& settings);
 
+    void aim_at(double accuracy) { settings_.accuracy = accuracy; }
+
     // indirect : lx, photometric, one a receiver or none: light from elsewhere, beside which small
     //     errors of direct light don't show
     // A receiver's outcome depends on its position, normal, mesh and indirect light alone.

@@ -62,18 +62,15 @@ FinalGather::FinalGather(const Scene& scene, std::uint64_t seed)
         }
     }
     // A vertex may border faces of several reflectances: their mean by area.
-    for (const MeshElement& element : mesh.elements) {
+    for_each_side(mesh, [&](const MeshElement& element, const auto& vertices) {
         const Surface& surface = mesh.surface(element);
         const double third = mesh.area(element) / 3.0;
-        for (const std::int32_t front : element.vertices) {
-            for (const std::int32_t v : {front, front + surface.back_offset}) {
-                if (mesh.areas[v] > 0.0 && (v == front || surface.back_offset >= 0)) {
-                    reflectances_[v] +=
-                        surface.reflectance * static_cast<float>(third / mesh.areas[v]);
-                }
+        for (const std::int32_t v : vertices) {
+            if (mesh.areas[v] > 0.0) {
+                reflectances_[v] += surface.reflectance * static_cast<float>(third / mesh.areas[v]);
             }
         }
-    }
+    });
 }
 
 // Two estimates in one: photons, whose mean over the bucket is right however coarse the mesh is,
@@ -205,7 +202,7 @@ void FinalGather::find_rough(const KnownLight& light) {
         return;
     }
     const IlluminationMesh& mesh = scene_.mesh();
-    const auto mark = [&](const std::array<std::int32_t, 3>& vertices) {
+    for_each_side(mesh, [&](const MeshElement&, const auto& vertices) {
         float low = 0.0F, high = 0.0F, all = 0.0F;
         for (std::size_t k = 0; k < 3; ++k) {
             const float e = luminance(light.direct[vertices[k]]);
@@ -218,14 +215,7 @@ void FinalGather::find_rough(const KnownLight& light) {
                 rough_[v] = 1;
             }
         }
-    };
-    for (const MeshElement& element : mesh.elements) {
-        mark(element.vertices);
-        if (const std::int32_t back = mesh.surface(element).back_offset; back >= 0) {
-            const auto& [a, b, c] = element.vertices;
-            mark({a + back, b + back, c + back});
-        }
-    }
+    });
     for (const std::int32_t v : lit_) {
         if (light.indirect.empty()) {
             continue;
@@ -395,7 +385,7 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
     }
     double square = 0.0, area = 0.0;
     // Light varies between the vertices; of photons hardly any noise is left in it.
-    const double varies = lookup_error(scene_.mesh(), records_, exitances_.seen, illuminance_, 0.0);
+    const double varies = lookup_error(scene_.mesh(), records_, exitances_.seen, illuminance_);
     for (const std::int32_t v : lit_) {
         const double e = luminance(smooth_[v].illuminance);
         const double variance = smooth_[v].variance + varies * e * e;

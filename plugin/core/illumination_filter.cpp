@@ -23,20 +23,16 @@ constexpr float kOptimism = 2.0F;
 constexpr double kVagueHits = 8.0;
 constexpr float kVagueSharing = 2.0F;
 
-// Area-weighted over the elements around each vertex, both sides alike.
+// Mean over the elements around each vertex.
 std::vector<double> luminance_reflectance(const IlluminationMesh& mesh) {
     std::vector<double> sum(mesh.areas.size(), 0.0), weight(mesh.areas.size(), 0.0);
-    for (const auto& element : mesh.elements) {
-        const Surface& surface = mesh.surfaces[static_cast<std::size_t>(element.surface)];
-        const double reflectance = luminance(surface.reflectance.as<double>());
-        for (const std::int32_t front : element.vertices) {
-            for (const std::int32_t v :
-                 {front, surface.back_offset < 0 ? front : front + surface.back_offset}) {
-                sum[v] += reflectance;
-                weight[v] += 1.0;
-            }
+    for_each_side(mesh, [&](const MeshElement& element, const auto& vertices) {
+        const double reflectance = luminance(mesh.surface(element).reflectance.as<double>());
+        for (const std::int32_t v : vertices) {
+            sum[v] += reflectance;
+            weight[v] += 1.0;
         }
-    }
+    });
     for (std::size_t v = 0; v < sum.size(); ++v) {
         sum[v] /= std::max(1.0, weight[v]);
     }

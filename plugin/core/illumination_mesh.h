@@ -66,6 +66,17 @@ struct IlluminationMesh {
     double area(const MeshElement& element) const;
 };
 
+// Calls each(element, vertices) for the front of every element, and for its back where it has one.
+template <typename Each> void for_each_side(const IlluminationMesh& mesh, const Each& each) {
+    for (const MeshElement& element : mesh.elements) {
+        each(element, element.vertices);
+        if (const std::int32_t back = mesh.surface(element).back_offset; back >= 0) {
+            const auto& [a, b, c] = element.vertices;
+            each(element, std::array{a + back, b + back, c + back});
+        }
+    }
+}
+
 // Where each vertex samples light: a little towards the middle of the elements around it, so that a
 // vertex in a corner of the room doesn't lie in the plane of the other wall; never behind one of
 // them. The normal is zero where all elements around are degenerate: no light is defined there.

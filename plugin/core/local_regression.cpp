@@ -49,16 +49,13 @@ LocalRegression::LocalRegression(const IlluminationMesh& mesh, std::span<const R
     : receivers_(receivers), begin_(receivers.size() + 1) {
     std::vector<std::array<std::int32_t, 2>> edges;
     edges.reserve(6 * mesh.elements.size());
-    for (const MeshElement& element : mesh.elements) {
-        const std::int32_t back = mesh.surface(element).back_offset;
+    for_each_side(mesh, [&](const MeshElement&, const auto& vertices) {
         for (std::size_t k = 0; k < 3; ++k) {
-            const std::int32_t a = element.vertices[k], b = element.vertices[(k + 1) % 3];
-            for (const std::int32_t offset : {0, std::max(0, back)}) {
-                edges.push_back({a + offset, b + offset});
-                edges.push_back({b + offset, a + offset});
-            }
+            const std::int32_t a = vertices[k], b = vertices[(k + 1) % 3];
+            edges.push_back({a, b});
+            edges.push_back({b, a});
         }
-    }
+    });
     std::ranges::sort(edges);
     const auto last = std::ranges::unique(edges);
     edges.erase(last.begin(), last.end());

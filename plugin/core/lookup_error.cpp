@@ -20,8 +20,7 @@ double square(double x) { return x * x; }
 } // namespace
 
 double lookup_error(const IlluminationMesh& mesh, std::span<const GatherRecord> records,
-                    std::span<const Exitance> exitances, std::span<const Vec3f> illuminance,
-                    double photon_flux) {
+                    std::span<const Exitance> exitances, std::span<const Vec3f> illuminance) {
     const std::vector<double> means = photometric(illuminance);
     const std::vector<double> variance = bucket_variance(mesh, means);
     std::vector<std::uint32_t> counts(mesh.areas.size()); // rays that hit each bucket
@@ -46,11 +45,9 @@ double lookup_error(const IlluminationMesh& mesh, std::span<const GatherRecord> 
             }
             const Exitance& e = exitances[v];
             const double reflected = luminance(Vec3f{e.x, e.y, e.z}.as<double>()) / light;
-            const double noise = light * photon_flux / mesh.areas[v];
             const double within = variance[v] * std::min(1.0, kVariation * count / n);
             // Of two rays that hit the same bucket: what single rays tell is part of their noise.
-            errors +=
-                square(reflected) * count * (count - 1.0) / (n * (n - 1.0)) * (noise + within);
+            errors += square(reflected) * count * (count - 1.0) / (n * (n - 1.0)) * within;
         }
         squares += square(luminance(record.illuminance.as<double>()));
     }

@@ -1,5 +1,5 @@
-// The error of gather records by what they look up: the photons' noise in the buckets' means, and
-// light that varies within the buckets. More rays don't lessen either.
+// The error of gather records by what they look up: light that varies within the buckets. More rays
+// don't lessen it.
 #pragma once
 
 #include <span>
@@ -10,10 +10,8 @@
 namespace isolux {
 
 // Mean square error over mean square illuminance, of some of the records.
-// illuminance: lx by channel, one a vertex: what the exitances were made of, from photons of
-// photon_flux lm
+// illuminance: lx by channel, one a vertex: what the exitances were made of
 double lookup_error(const IlluminationMesh& mesh, std::span<const GatherRecord> records,
-                    std::span<const Exitance> exitances, std::span<const Vec3f> illuminance,
-                    double photon_flux);
+                    std::span<const Exitance> exitances, std::span<const Vec3f> illuminance);
 
 } // namespace isolux

@@ -126,14 +126,14 @@ class DirectLight:
     def __init__(self, scene: _core.Scene, settings: SolverSettings, threads: int) -> None:
         self._threads = threads
         self._scene = scene
-        self._seed = settings.seed
-        self.aim_at(DIRECT_ACCURACY)
+        self.accuracy = DIRECT_ACCURACY
+        self._lighting = _core.DirectLighting(scene, settings.seed, self.accuracy)
         self.shadow_rays = 0
 
     def aim_at(self, accuracy: float) -> None:
         """Light as exactly as this from now on, relative to the total illuminance."""
         self.accuracy = accuracy
-        self._lighting = _core.DirectLighting(self._scene, self._seed, accuracy)
+        self._lighting.aim_at(accuracy)
 
     @cached_property
     def _receivers(self) -> tuple[NDArray[np.float64], Array]:

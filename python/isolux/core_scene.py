@@ -47,7 +47,6 @@ def build_core_scene(
             source if source < number else -1,
             None if copy is None else np.ascontiguousarray(copy.matrix),
         )
-    meshes = {mesh.path: mesh for mesh in scene.meshes}
     links = _LightLinks(scene.meshes)
     meshes = {mesh.path: mesh for mesh in scene.meshes}
     for luminaire in scene.luminaires:

@@ -18,6 +18,7 @@ from .reading_context import NO_TRANSFORM, ReadingContext
 from .scene_description import MeshDescription
 from .skinned_points import Pose
 from .subdivision_reader import on_limit_surface, refined_surface
+from .unreadable_prims import TOO_FAR
 
 # Faces on which authored normals are compared with the winding: enough to tell a majority.
 NORMAL_CHECK_FACES = 2000
@@ -67,9 +68,7 @@ def read_mesh(
         to_world = pose.to_world
         world = _placed(pose.points, to_world, context)
         if world is None:
-            context.note(
-                prim, "Mesh", "skipped", "posed points that are NaN, infinite or over 10⁹ m away"
-            )
+            context.note(prim, "Mesh", "skipped", f"posed {TOO_FAR}")
             return None
     mirrored = bool(np.linalg.det(to_world[:3, :3]) < 0)
     left_handed = mesh.GetOrientationAttr().Get(context.time) == UsdGeom.Tokens.leftHanded

@@ -16,6 +16,7 @@ from usd_scenes.shapes import Shape
 from cages import cage, mesh_usda
 from core_scenes import build, luminaire, surface
 from isolux import _core
+from isolux.core_scene import mesh_triangles
 from usda_stage import read_usda
 
 numbers = st.integers(-12, 12)
@@ -144,13 +145,7 @@ def test_wherever_a_mesh_stands_its_areas_normals_and_front_go_with_it(
         normal3f[] normals = [{normals}] (interpolation = "uniform")"""
     faces = [f[::-1] for f in OUTWARD] if left_handed else OUTWARD
     mesh = read_usda(mesh_usda(TETRAHEDRON, faces, body, scheme="none")).meshes[0]
-    corners, of = _core.triangulate(
-        mesh.points,
-        mesh.face_vertex_counts,
-        mesh.face_vertex_indices,
-        mesh.hole_faces,
-        mesh.flip_winding,
-    )
+    corners, of = mesh_triangles(mesh)
     q = mesh.points[mesh.face_vertex_indices[corners]]
     after = np.cross(q[:, 1] - q[:, 0], q[:, 2] - q[:, 0])
     expected = (before @ np.linalg.inv(linear).T * abs(np.linalg.det(linear)))[of]
@@ -238,13 +233,7 @@ def test_vertices_share_out_the_area_of_each_side_of_each_mesh(meshes, crease):
     for mesh, (begin, end, back_end, corner_vertices) in zip(
         meshes, scene.mesh_ranges, strict=True
     ):
-        corners, _ = _core.triangulate(
-            mesh.points,
-            mesh.face_vertex_counts,
-            mesh.face_vertex_indices,
-            mesh.hole_faces,
-            mesh.flip_winding,
-        )
+        corners, _ = mesh_triangles(mesh)
         p, q, r = mesh.points[mesh.face_vertex_indices[corners]].transpose(1, 0, 2)
         each = np.linalg.norm(np.cross(q - p, r - p), axis=1) / 2
         assert areas[begin:end].sum() == pytest.approx(each.sum(), rel=1e-12)

@@ -39,7 +39,7 @@ help:
 	@echo "make lint    formatters, linters and types"
 	@echo "make format  let the formatters rewrite the sources"
 	@echo "make bench   speed against error, ratios to the bare ray tracer"
-	@echo "make bench-peers  the same beside Mitsuba, Cycles and Radiance, two threads each"
+	@echo "make bench-peers  the same beside Mitsuba, Cycles, LuxCore and Radiance, two threads each"
 	@echo "make wheel   a wheel in dist/"
 	@echo "make clean   remove what these made"
 

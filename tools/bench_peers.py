@@ -31,7 +31,7 @@ from peers.agreement import QUANTITY, agreement
 from peers.export import export_scene, lit_vertices, refuse_what_peers_lack
 from peers.figure import plot_errors
 from peers.peer_process import NAMES, QUALITIES, PeerProcess, Seconds
-from peers.peer_scene import PeerScene
+from peers.peer_scene import LackingError, PeerScene
 from peers.time_to_error import Place, time_to
 from reference import TOTAL, PathTracedReference, path_traced_reference
 
@@ -48,6 +48,7 @@ ENOUGH = 0.015  # below the last goal; no higher quality is tried
 AGREEMENT_QUALITIES = {
     "mitsuba": 4096,
     "cycles": 4096,
+    "luxcore": 4096,
     "radiance": 256,
     "radiance-cached": 1024,
 }
@@ -214,8 +215,12 @@ def write_agreement(
         asked = at_reference(subject)
         for peer in peers:
             quality = AGREEMENT_QUALITIES[peer]
-            with PeerProcess(peer, asked, 1, python) as process:
-                runs = [process.illuminance(quality, seed)[0] for seed in (1, 2)]
+            try:
+                with PeerProcess(peer, asked, 1, python) as process:
+                    runs = [process.illuminance(quality, seed)[0] for seed in (1, 2)]
+            except LackingError as lacking:
+                print(f"  {subject.name}, {peer}: left out: {lacking}", flush=True)
+                continue
             found = agreement((runs[0], runs[1]), subject.reference)
             values = {name: f"{value:.5f}" for name, value in asdict(found).items()}
             within = "yes" if found.within else "no"
@@ -329,10 +334,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         points += measure_ours(subject, settings, options.cpu_time)
         print(f"  {OURS}: {points[-1].solve_seconds:.1f} s, {points[-1].rms_error:.2%}", flush=True)
         for peer in peers:
-            points += measure_peer(
-                subject, peer, options.peers_python, options.threads, options.seconds,
-                options.seed, options.cpu_time,
-            )  # fmt: skip
+            try:
+                points += measure_peer(
+                    subject, peer, options.peers_python, options.threads, options.seconds,
+                    options.seed, options.cpu_time,
+                )  # fmt: skip
+            except LackingError as lacking:
+                print(f"  {peer}: left out: {lacking}", flush=True)
         write_points(options.csv, points, provenance)  # after each stage: it takes long
     print_times(points)
     plot_points(options.figure, points, provenance)

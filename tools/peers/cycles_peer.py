@@ -16,7 +16,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from .peer_scene import C_COUNT, GAMMA_COUNT, Array, PeerLuminaire, PeerScene
+from .peer_scene import C_COUNT, GAMMA_COUNT, Array, LackingError, PeerLuminaire, PeerScene
 
 BOUNCES = 1024
 TRIANGLE = 2e-4  # size of a vertex's triangle, of the scene's size
@@ -153,7 +153,7 @@ def _add_luminaire(name: str, luminaire: PeerLuminaire) -> None:
     """Lights have the power of a Lambertian surface: with lumens for watts, values are lux."""
     kinds = {"rect": "AREA", "disk": "AREA", "sphere": "POINT"}
     if luminaire.shape not in kinds:
-        raise SystemExit(f"Cycles has no {luminaire.shape} light")
+        raise LackingError(f"Cycles has no {luminaire.shape} light")
     light = bpy.data.lights.new(name, kinds[luminaire.shape])
     brightest = float(luminaire.colour.max())
     light.color = luminaire.colour / brightest
@@ -179,7 +179,7 @@ def _shine_by_diagram(light: Any, luminaire: PeerLuminaire) -> None:
     assert candela is not None
     flat = luminaire.shape != "sphere"
     if flat and candela[:, GAMMA_COUNT // 2 + 2 :].any():
-        raise SystemExit("Cycles has no flat light that shines to both sides")
+        raise LackingError("Cycles has no flat light that shines to both sides")
     table = np.ones((C_COUNT, GAMMA_COUNT, 4), np.float32)
     table[..., :3] = (candela * (1 if flat else 4) * np.pi / luminaire.luminous_flux)[..., None]
     image = bpy.data.images.new(light.name, GAMMA_COUNT, C_COUNT, float_buffer=True, is_data=True)

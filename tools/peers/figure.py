@@ -18,6 +18,7 @@ COLOURS = {
     "isolux": "black",
     "mitsuba": "tab:blue",
     "cycles": "tab:orange",
+    "luxcore": "tab:red",
     "radiance": "tab:olive",
     "radiance-cached": "tab:green",
 }

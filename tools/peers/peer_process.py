@@ -8,21 +8,24 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 
-from .peer_scene import Array, PeerScene
+from .peer_scene import Array, LackingError, PeerScene
 
 # Qualities that differ by about four in time; what they count is said in each peer's module.
 QUALITIES: dict[str, tuple[int, ...]] = {
     "mitsuba": (4, 16, 64, 256, 1024, 4096),
     "cycles": (4, 16, 64, 256, 1024, 4096),
+    "luxcore": (4, 16, 64, 256, 1024, 4096),
     "radiance": (4, 16, 64, 256, 1024, 4096),
     "radiance-cached": (64, 256, 1024, 4096),
 }
 NAMES = {
     "mitsuba": "Mitsuba 3",
     "cycles": "Cycles",
+    "luxcore": "LuxCore",
     "radiance": "Radiance, no cache",
     "radiance-cached": "Radiance, ambient cache",
 }
@@ -42,6 +45,7 @@ class PeerProcess:
     python : an interpreter that has the peer
     start : imports and reading the arrays
     build : of what the peer needs before the first ray, kernels included
+    raises : LackingError where the peer can't do the scene
     """
 
     def __init__(self, peer: str, scene: PeerScene, threads: int, python: str) -> None:
@@ -57,6 +61,9 @@ class PeerProcess:
             cwd=Path(__file__).parents[1], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         first = self._answer()
+        if "lacking" in first:
+            self._close()
+            raise LackingError(first["lacking"])
         self.start = Seconds(first["start"], first["start_cpu"])
         self.build = Seconds(first["build"], first["build_cpu"])
 
@@ -72,7 +79,7 @@ class PeerProcess:
         assert values.shape == (self._count, 3)
         return values, Seconds(answer["solve"], answer["solve_cpu"])
 
-    def _answer(self) -> dict[str, float]:
+    def _answer(self) -> dict[str, Any]:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line:
@@ -88,6 +95,9 @@ class PeerProcess:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._close()
+
+    def _close(self) -> None:
         assert self._process.stdin is not None
         self._process.stdin.close()
         self._process.wait()

@@ -15,6 +15,10 @@ Array = NDArray[np.float64]
 GAMMA_COUNT, C_COUNT = 181, 145  # 1° from nadir to zenith, 2.5° around
 
 
+class LackingError(Exception):
+    """A peer, or its adapter, lacks what the scene needs."""
+
+
 @dataclass(frozen=True, slots=True)
 class PeerLuminaire:
     """A luminaire: no surface stops light at it.

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pyradiance
 
-from .peer_scene import C_COUNT, GAMMA_COUNT, Array, PeerLuminaire, PeerScene
+from .peer_scene import C_COUNT, GAMMA_COUNT, Array, LackingError, PeerLuminaire, PeerScene
 
 PROGRAMS = Path(pyradiance.__file__).parent / "bin"
 LIBRARY = Path(pyradiance.__file__).parent / "lib"
@@ -95,7 +95,7 @@ class RadiancePeer:
         if luminaire.candela is not None:
             flat = luminaire.shape in ("rect", "disk")
             if flat and luminaire.candela[:, GAMMA_COUNT // 2 + 2 :].any():
-                raise SystemExit("Radiance has no flat light that shines to both sides")
+                raise LackingError("Radiance has no flat light that shines to both sides")
             table = self._path / f"{name}.dat"
             head = f"2\n0 360 {C_COUNT}\n0 180 {GAMMA_COUNT}\n"
             values = "\n".join(f"{value:.7g}" for value in luminaire.candela.ravel())

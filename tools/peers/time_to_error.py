@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 # Their error halves with four times the work; the others' has a floor of its own.
-MONTE_CARLO = ("mitsuba", "cycles", "radiance")
+MONTE_CARLO = ("mitsuba", "cycles", "luxcore", "radiance")
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,12 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
-from .peer_scene import PeerScene
+from .peer_scene import LackingError, PeerScene
 
 # Module and class, and the mode in which it is run.
 PEERS = {
     "mitsuba": ("mitsuba_peer", "MitsubaPeer", ""),
     "cycles": ("cycles_peer", "CyclesPeer", ""),
+    "luxcore": ("luxcore_peer", "LuxCorePeer", ""),
     "radiance": ("radiance_peer", "RadiancePeer", ""),
     "radiance-cached": ("radiance_peer", "RadiancePeer", "cached"),
 }
@@ -48,11 +49,15 @@ def main() -> None:
     peer_type = getattr(importlib.import_module(f".{module}", __package__), name)
     scene = PeerScene.load(options.scene)
     read, read_cpu = time.perf_counter(), processor_seconds()
-    peer = peer_type(scene, options.threads, mode)
 
-    def answer(**values: float) -> None:
+    def answer(**values: float | str) -> None:
         print(json.dumps(values), file=answers, flush=True)
 
+    try:
+        peer = peer_type(scene, options.threads, mode)
+    except LackingError as error:
+        answer(lacking=str(error))
+        return
     answer(
         start=read - started,
         start_cpu=read_cpu,

@@ -9,6 +9,7 @@ import pytest
 from test_direct_illuminance import direct
 from usd_scenes.shapes import box, rectangle
 
+from cie_171 import CASE_5_6, CASE_5_7, OBSTACLE_OF_CASE_5_7
 from core_scenes import luminaire, surface
 from isolux import _core
 from validation.rows import CIE_171
@@ -93,42 +94,23 @@ def test_case_5_6_light_reflected_by_a_floor(validation):
     up = np.diag([1.0, -1.0, -1.0])
     lamp = luminaire(100.0 * 16, (2, 2, 0), "rect", (4.0, 4.0), axes=up)
     floor = surface(rectangle((0, 0, 0), (4, 0, 0), (0, 4, 0), 1.0))  # it touches it
-    z = np.arange(0.75, 3, 0.5)
-    found = direct([lamp], [(4, 2, h) for h in z], (-1, 0, 0), meshes=[floor])["illuminance"]
-    expected = [35.901, 27.992, 21.639, 16.716, 12.967]
-    of = dict(relative=1e-4, unit="%")
-    validation.check("5.6 floor that shines, wall", expected, found, at=z, axis="z, m", **of)
-    x = np.array([0.25, 0.75, 1.25, 1.75])
-    found = direct([lamp], [(h, 2, 3) for h in x], (0, 0, -1), meshes=[floor])["illuminance"]
-    expected = [26.795, 30.939, 33.976, 35.567]
-    validation.check("5.6 floor that shines, ceiling", expected, found, at=x, axis="x, m", **of)
+    for name, on in CASE_5_6.items():
+        found = direct([lamp], on.points, on.normal, meshes=[floor])["illuminance"]
+        of = dict(relative=1e-4, unit="%", at=on.at, axis=on.axis)
+        validation.check(f"5.6 floor that shines, {name}", on.expected, found, **of)
 
 
 # At the solver's own accuracy, and at a finer one.
-@pytest.mark.parametrize(
-    ("receiver", "accuracy"),
-    [
-        ("wall", 0.01),
-        ("floor", 0.01),
-        ("wall", 0.001),
-        ("floor", 0.001),
-    ],
-)
+@pytest.mark.parametrize("accuracy", [0.01, 0.001])
+@pytest.mark.parametrize("receiver", CASE_5_7)
 def test_case_5_7_light_reflected_by_a_wall_with_an_obstruction(validation, receiver, accuracy):
     """A diffuse wall 4 × 3 m at y = 4 behind a black box 1 m high; in % of the wall's exitance."""
     toward = np.array([(1, 0, 0), (0, 0, -1), (0, 1, 0)], float)  # shines to -Y
     lamp = luminaire(100.0 * 12, (2, 4, 1.5), "rect", (4.0, 3.0), axes=toward)
     walls = surface(box((4, 4, 3), 1.0).moved(2, 2, 1.5).flipped())  # what is dark is so for them
-    obstacle = surface(box((4, 0.2, 1), 1.0).moved(2, 2.6, 0.5))
-    scene = dict(meshes=[walls, obstacle], accuracy=accuracy)
-    if receiver == "wall":
-        at, axis, normal = np.arange(2.75, 0, -0.5), "z, m", (0, 1, 0)
-        points = [(2, 0, z) for z in at]
-        expected = [16.070, 16.333, 15.392, 13.320, 10.317, 7.079]
-    else:
-        at, axis, normal = np.arange(0.25, 2.5, 0.5), "y, m", (0, 0, 1)
-        points = [(2, y, 0) for y in at]
-        expected = [3.380, 3.628, 3.013, 0, 0]
-    found = direct([lamp], points, normal, **scene)["illuminance"]
-    of = dict(relative=WORST, absolute=DARK, unit="%", at=at, axis=axis)
-    validation.check(f"5.7 obstruction, {receiver}, accuracy {accuracy:g}", expected, found, **of)
+    on = CASE_5_7[receiver]
+    scene = dict(meshes=[walls, OBSTACLE_OF_CASE_5_7], accuracy=accuracy)
+    found = direct([lamp], on.points, on.normal, **scene)["illuminance"]
+    of = dict(relative=WORST, absolute=DARK, unit="%", at=on.at, axis=on.axis)
+    name = f"5.7 obstruction, {receiver}, accuracy {accuracy:g}"
+    validation.check(name, on.expected, found, **of)

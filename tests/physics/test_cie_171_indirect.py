@@ -9,6 +9,7 @@ import pytest
 from usd_scenes.box_room.generate import LUMINOUS_FLUX, SIZE, expected_illuminance
 from usd_scenes.shapes import box, rectangle
 
+from cie_171 import CASE_5_6, CASE_5_7, OBSTACLE_OF_CASE_5_7
 from core_scenes import build, luminaire, surface
 from isolux import _core
 from isolux.solution import LUMINANCE_WEIGHTS
@@ -79,7 +80,7 @@ def from_gather(meshes, source, receivers, points):
     light[begin:end] = EXITANCE / meshes[source].reflectance
     found = _core.FinalGather(scene, 1).advance(light, GATHER_RAYS, 2)["indirect"]
     begin, end, *_ = scene.mesh_ranges[receivers]
-    away = np.linalg.norm(scene.vertex_positions[begin:end] - np.asarray(points)[:, None], axis=2)
+    away = np.linalg.norm(scene.vertex_positions[begin:end] - points[:, None], axis=2)
     assert away.min(axis=1).max() < 1e-6
     return found[begin:end][away.argmin(axis=1)] @ LUMINANCE_WEIGHTS
 
@@ -92,53 +93,36 @@ def from_radiosity(meshes, source, points, normal, shine):
     light = np.outer(shine(positions), EXITANCE / meshes[source].reflectance[0])
     radiosity.begin(light.astype(np.float32))
     normals = np.tile(np.array(normal, np.float32), (len(points), 1))
-    return (
-        radiosity.indirect(np.array(points, float), normals, 2)["illuminance"] @ LUMINANCE_WEIGHTS
-    )
+    return radiosity.indirect(points, normals, 2)["illuminance"] @ LUMINANCE_WEIGHTS
 
 
-WALL_Z, CEILING_X = np.arange(0.75, 3, 0.5), np.array([0.25, 0.75, 1.25, 1.75])
-FLOOR_OF_CASE_5_6 = surface(rectangle((0, 0, 0), (4, 0, 0), (0, 4, 0), 0.25), 0.5)
-CASE_5_6 = {
-    "wall": (
-        surface(rectangle((4, 4, 0), (0, -4, 0), (0, 0, 3), 0.25)),
-        *([(4, 2, z) for z in WALL_Z], (-1, 0, 0), WALL_Z, "z, m"),
-        [35.901, 27.992, 21.639, 16.716, 12.967],
-    ),
-    "ceiling": (
-        surface(rectangle((0, 4, 3), (4, 0, 0), (0, -4, 0), 0.25)),
-        *([(x, 2, 3) for x in CEILING_X], (0, 0, -1), CEILING_X, "x, m"),
-        [26.795, 30.939, 33.976, 35.567],
-    ),
+LIT_FLOOR = surface(rectangle((0, 0, 0), (4, 0, 0), (0, 4, 0), 0.25), 0.5)
+RECEIVERS_OF_CASE_5_6 = {
+    "wall": surface(rectangle((4, 4, 0), (0, -4, 0), (0, 0, 3), 0.25)),
+    "ceiling": surface(rectangle((0, 4, 3), (4, 0, 0), (0, -4, 0), 0.25)),
 }
 
 
 @pytest.mark.parametrize("receiver", CASE_5_6)
 @pytest.mark.parametrize("by", ["gather", "ddl+hpr"])
 def test_case_5_6_light_reflected_by_a_lit_floor(validation, receiver, by):
-    mesh, points, normal, at, axis, expected = CASE_5_6[receiver]
-    meshes = [FLOOR_OF_CASE_5_6, mesh]
+    on = CASE_5_6[receiver]
+    meshes = [LIT_FLOOR, RECEIVERS_OF_CASE_5_6[receiver]]
     if by == "gather":
-        found = from_gather(meshes, 0, 1, points)
+        found = from_gather(meshes, 0, 1, on.points)
     else:
-        found = from_radiosity(meshes, 0, points, normal, lambda p: p[:, 2] == 0)
-    of = dict(relative=WORST, unit="%", at=at, axis=axis)
-    validation.check(f"5.6 lit floor, {receiver}, {by}", expected, found, **of)
+        found = from_radiosity(meshes, 0, on.points, on.normal, lambda p: p[:, 2] == 0)
+    of = dict(relative=WORST, unit="%", at=on.at, axis=on.axis)
+    validation.check(f"5.6 lit floor, {receiver}, {by}", on.expected, found, **of)
 
 
-@pytest.mark.parametrize("receiver", ["wall", "floor"])
+@pytest.mark.parametrize("receiver", CASE_5_7)
 def test_case_5_7_light_reflected_by_a_lit_wall_with_an_obstruction(validation, receiver):
     """As in test_cie_171_direct, the wall being lit."""
     lit = surface(rectangle((0, 4, 0), (4, 0, 0), (0, 0, 3), 0.25), 0.5)
-    obstacle = surface(box((4, 0.2, 1), 1.0).moved(2, 2.6, 0.5))
-    if receiver == "wall":
-        at, axis, normal = np.arange(2.75, 0, -0.5), "z, m", (0, 1, 0)
-        points = [(2, 0, z) for z in at]
-        expected = [16.070, 16.333, 15.392, 13.320, 10.317, 7.079]
-    else:
-        at, axis, normal = np.arange(0.25, 2.5, 0.5), "y, m", (0, 0, 1)
-        points = [(2, y, 0) for y in at]
-        expected = [3.380, 3.628, 3.013, 0, 0]
-    found = from_radiosity([lit, obstacle], 0, points, normal, lambda p: p[:, 1] == 4)
-    of = dict(relative=WORST, absolute=1e-3, unit="%", at=at, axis=axis)
-    validation.check(f"5.7 lit wall, obstruction, {receiver}, ddl+hpr", expected, found, **of)
+    on = CASE_5_7[receiver]
+    meshes = [lit, OBSTACLE_OF_CASE_5_7]
+    found = from_radiosity(meshes, 0, on.points, on.normal, lambda p: p[:, 1] == 4)
+    of = dict(relative=WORST, absolute=1e-3, unit="%", at=on.at, axis=on.axis)
+    name = f"5.7 lit wall, obstruction, {receiver}, ddl+hpr"
+    validation.check(name, on.expected, found, **of)

@@ -6,6 +6,7 @@ are ordinary ones. Stock usd-core is all that this module asks for.
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -114,6 +115,15 @@ def add_light(
     return UsdLux.LightAPI(light)
 
 
+def add_bulb(stage: Usd.Stage, path: str, at: Vector, radius: float, luminous_flux: float) -> None:
+    """A warm white sphere of a radius, m, that shines alike in all directions, lm."""
+    luminance = luminous_flux / (4 * np.pi**2 * radius**2)
+    add_light(
+        stage, path, UsdLux.SphereLight, {"radius": radius}, at,
+        temperature=2700.0, luminance=luminance,
+    )  # fmt: skip
+
+
 def add_photometric_file(light: UsdLux.LightAPI, file_name: str, dimming: float = 1.0) -> None:
     """Give a light the absolute photometry of a file in `usd_scenes/photometry`."""
     prim = light.GetPrim()
@@ -149,15 +159,15 @@ def add_diagram(
         _author(prim, "inputs:isolux:luminousFlux", Sdf.ValueTypeNames.Float, luminous_flux)
 
 
-def add_camera(
-    stage: Usd.Stage, path: str, eye: Vector, target: Vector, focal_length: float, aspect: float
+def add_view(
+    stage: Usd.Stage, eye: Vector, target: Vector, focal_length: float, aspect: float = 16 / 9
 ) -> None:
-    """A camera of 36 mm film width at `eye`, looking at `target` (m), Y up.
+    """Render settings with a camera of 36 mm film width at `eye`, looking at `target` (m), Y up.
 
     focal_length : mm
     aspect : width over height of the picture
     """
-    camera = UsdGeom.Camera.Define(stage, path)
+    camera = UsdGeom.Camera.Define(stage, "/World/Camera")
     view = Gf.Matrix4d().SetLookAt(_scaled(stage, eye), _scaled(stage, target), Gf.Vec3d(0, 1, 0))
     camera.AddTransformOp().Set(view.GetInverse())
     tenths = 0.01 * _units(stage)  # USD counts focal lengths in tenths of the stage unit; from mm
@@ -165,17 +175,18 @@ def add_camera(
     camera.CreateHorizontalApertureAttr(36.0 * tenths)
     camera.CreateVerticalApertureAttr(36.0 / aspect * tenths)
     camera.CreateClippingRangeAttr(Gf.Vec2f(0.05 * _units(stage), 100 * _units(stage)))
+    settings = add_render_settings(stage)
+    settings.CreateCameraRel().SetTargets([camera.GetPath()])
+    settings.CreateResolutionAttr(Gf.Vec2i(1280, 720))
 
 
-def add_render_settings(stage: Usd.Stage, camera: str | None = None) -> None:
+def add_render_settings(stage: Usd.Stage) -> UsdRender.Settings:
     """Render settings with the solver's defaults; the stage's metadata points at them."""
     UsdGeom.Scope.Define(stage, "/Render")
     settings = UsdRender.Settings.Define(stage, "/Render/Settings")
-    if camera is not None:
-        settings.CreateCameraRel().SetTargets([camera])
-        settings.CreateResolutionAttr(Gf.Vec2i(1280, 720))
     settings.GetPrim().AddAppliedSchema(SOLVER_API)
     stage.SetMetadata("renderSettingsPrimPath", "/Render/Settings")
+    return settings
 
 
 def add_mesh(stage: Usd.Stage, path: str, part: Part) -> None:
@@ -199,6 +210,14 @@ def add_mesh(stage: Usd.Stage, path: str, part: Part) -> None:
         material = UsdShade.Material.Get(stage, f"/World/Materials/{part.material}")
         UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
     _author_extent(mesh)
+
+
+def density_options(description: str) -> argparse.ArgumentParser:
+    """The command line of a generator of stages that may be finer: OUT.usda and --density."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("path", type=Path, metavar="OUT.usda")
+    parser.add_argument("--density", type=float, default=1.0, help="edge lengths are divided by it")
+    return parser
 
 
 def _place(stage: Usd.Stage, prim: UsdGeom.Xformable, at: Vector, turn: Vector) -> None:

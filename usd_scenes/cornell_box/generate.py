@@ -7,7 +7,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from pathlib import Path
 
@@ -44,15 +43,13 @@ def generate(path: str | Path, density: float = 1.0) -> None:
     ):
         add_model(stage, f"/World/{name}", [Part(name, _box(size, step), "White")], at, turn)
     _add_light(stage)
-    stage_writing.add_camera(
+    stage_writing.add_view(
         stage,
-        "/World/Camera",
         eye=(WIDTH / 2, HEIGHT / 2, DEPTH + 4.0),
         target=(WIDTH / 2, HEIGHT / 2, 0),
         focal_length=50.0,
         aspect=1.0,
     )
-    stage_writing.add_render_settings(stage, "/World/Camera")
     stage.Save()
 
 
@@ -87,10 +84,7 @@ def _add_light(stage: Usd.Stage) -> None:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description="Write the box with two boxes.")
-    parser.add_argument("path", type=Path, metavar="OUT.usda")
-    parser.add_argument("--density", type=float, default=1.0, help="edge lengths are divided by it")
-    arguments = parser.parse_args()
+    arguments = stage_writing.density_options("Write the box with two boxes.").parse_args()
     generate(arguments.path, arguments.density)
 
 

@@ -7,11 +7,9 @@ The flat is 10.0 x 2.6 x 9.0 m: +X to the right, +Y up, the living room at the b
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 from pxr import Usd, UsdLux
 
 from .. import stage_writing
@@ -76,15 +74,7 @@ def generate(path: str | Path, density: float = 1.0) -> None:
     add_model(stage, "/World/Doors", _doors(step))
     _add_furniture(stage, FURNITURE_STEP / density)
     _add_luminaires(stage, FURNITURE_STEP / density)
-    stage_writing.add_camera(
-        stage,
-        "/World/Camera",
-        eye=(4.95, 1.55, 4.15),
-        target=(1.6, 1.0, 0.9),
-        focal_length=20.0,
-        aspect=16 / 9,
-    )
-    stage_writing.add_render_settings(stage, "/World/Camera")
+    stage_writing.add_view(stage, eye=(4.95, 1.55, 4.15), target=(1.6, 1.0, 0.9), focal_length=20.0)
     stage.Save()
 
 
@@ -217,19 +207,14 @@ def _add_luminaires(stage: Usd.Stage, step: float) -> None:
         )  # fmt: skip
         stage_writing.add_photometric_file(light, "downlight.ies", dimming=0.6)
     add_model(stage, "/World/FloorLamp", furniture.floor_lamp(step), (2.6, 0, 8.6))
-    radius, flux = 0.05, 700.0  # m, lm
-    stage_writing.add_light(
-        stage, "/World/FloorLamp/Light", UsdLux.SphereLight, {"radius": radius}, (0, 1.60, 0),
-        temperature=2700.0, luminance=flux / (4 * np.pi**2 * radius**2),
-    )  # fmt: skip
+    stage_writing.add_bulb(
+        stage, "/World/FloorLamp/Light", (0, 1.60, 0), radius=0.05, luminous_flux=700.0
+    )
 
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description="Write the flat.")
-    parser.add_argument("path", type=Path, metavar="OUT.usda")
-    parser.add_argument("--density", type=float, default=1.0, help="edge lengths are divided by it")
-    arguments = parser.parse_args()
+    arguments = stage_writing.density_options("Write the flat.").parse_args()
     generate(arguments.path, arguments.density)
 
 

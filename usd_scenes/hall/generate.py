@@ -7,7 +7,6 @@ The hall is 40 x 8 x 24 m: +X along it, +Y up. Balconies run along both sides ov
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -122,10 +121,8 @@ def _balconies(step: float) -> list[Part]:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description="Write the hall of many luminaires.")
-    parser.add_argument("path", type=Path, metavar="OUT.usda")
+    parser = stage_writing.density_options("Write the hall of many luminaires.")
     parser.add_argument("--luminaires", type=int, default=1000)
-    parser.add_argument("--density", type=float, default=1.0, help="edge lengths are divided by it")
     arguments = parser.parse_args()
     generate(arguments.path, arguments.luminaires, arguments.density)
 

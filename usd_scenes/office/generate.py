@@ -7,7 +7,6 @@ The room is 6.0 x 2.8 x 4.5 m: +X to the right, +Y up, the back wall at z = 0.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -57,15 +56,9 @@ def generate(path: str | Path, density: float = 1.0) -> None:
     add_model(stage, "/World/Window", _window(WALL_STEP / density))
     _add_furniture(stage, FURNITURE_STEP / density)
     _add_luminaires(stage, FURNITURE_STEP / density)
-    stage_writing.add_camera(
-        stage,
-        "/World/Camera",
-        eye=(5.45, 1.40, 4.30),
-        target=(2.35, 1.12, 1.05),
-        focal_length=25.0,
-        aspect=16 / 9,
+    stage_writing.add_view(
+        stage, eye=(5.45, 1.40, 4.30), target=(2.35, 1.12, 1.05), focal_length=25.0
     )
-    stage_writing.add_render_settings(stage, "/World/Camera")
     stage.Save()
 
 
@@ -194,19 +187,14 @@ def _add_luminaires(stage: Usd.Stage, step: float) -> None:
     )
 
     add_model(stage, "/World/FloorLamp", furniture.floor_lamp(step), (0.42, 0, 0.42))
-    bulb_radius, bulb_flux = 0.04, 800.0  # m, lm
-    stage_writing.add_light(
-        stage, "/World/FloorLamp/Light", UsdLux.SphereLight, {"radius": bulb_radius}, (0, 1.60, 0),
-        temperature=2700.0, luminance=bulb_flux / (4 * np.pi**2 * bulb_radius**2),
-    )  # fmt: skip
+    stage_writing.add_bulb(
+        stage, "/World/FloorLamp/Light", (0, 1.60, 0), radius=0.04, luminous_flux=800.0
+    )
 
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description="Write the demo stage.")
-    parser.add_argument("path", type=Path, metavar="OUT.usda")
-    parser.add_argument("--density", type=float, default=1.0, help="edge lengths are divided by it")
-    arguments = parser.parse_args()
+    arguments = stage_writing.density_options("Write the demo stage.").parse_args()
     generate(arguments.path, arguments.density)
 
 

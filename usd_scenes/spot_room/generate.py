@@ -7,7 +7,6 @@ The room is 7.2 x 3.0 x 5.4 m: +X to the right, +Y up, the back wall at z = 0.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -74,15 +73,7 @@ def generate(path: str | Path, density: float = 1.0) -> None:
             turn=_aimed(at, aim),
         )  # fmt: skip
         stage_writing.add_diagram(light, gamma, [0.0], [1.0, 1.0, 0.0, 0.0], LUMINOUS_FLUX)
-    stage_writing.add_camera(
-        stage,
-        "/World/Camera",
-        eye=(6.8, 1.9, 5.2),
-        target=(3.0, 0.8, 1.2),
-        focal_length=24.0,
-        aspect=16 / 9,
-    )
-    stage_writing.add_render_settings(stage, "/World/Camera")
+    stage_writing.add_view(stage, eye=(6.8, 1.9, 5.2), target=(3.0, 0.8, 1.2), focal_length=24.0)
     stage.Save()
 
 
@@ -122,9 +113,7 @@ def _aimed(at: Sequence[float], aim: Sequence[float]) -> tuple[float, float, flo
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description="Write a gallery lit by narrow spotlights.")
-    parser.add_argument("path", type=Path, metavar="OUT.usda")
-    parser.add_argument("--density", type=float, default=1.0, help="edge lengths are divided by it")
+    parser = stage_writing.density_options("Write a gallery lit by narrow spotlights.")
     arguments = parser.parse_args()
     generate(arguments.path, arguments.density)
 

@@ -67,15 +67,7 @@ def generate(path: str | Path, step: float = STEP) -> None:
         shape = _open_box(block, step)
         add_model(stage, f"/World/{block.name}", [Part(block.name, shape, block.material)])
     _add_luminaires(stage)
-    stage_writing.add_camera(
-        stage,
-        "/World/Camera",
-        eye=(3.9, 1.7, 3.5),
-        target=(1.6, 0.8, 0.4),
-        focal_length=22.0,
-        aspect=16 / 9,
-    )
-    stage_writing.add_render_settings(stage, "/World/Camera")
+    stage_writing.add_view(stage, eye=(3.9, 1.7, 3.5), target=(1.6, 0.8, 0.4), focal_length=22.0)
     stage.Save()
 
 
@@ -138,11 +130,7 @@ def _add_luminaires(stage: Usd.Stage) -> None:
         (2.6, under_ceiling, 2.8), turn=DOWNWARD, temperature=4000.0,
     )  # fmt: skip
     stage_writing.add_photometric_file(light, "oblong.ldt", dimming=0.5)
-    radius, flux = 0.08, 700.0  # m, lm
-    stage_writing.add_light(
-        stage, "/World/Ball", UsdLux.SphereLight, {"radius": radius}, (0.35, 1.3, 1.2),
-        temperature=2700.0, luminance=flux / (4 * np.pi**2 * radius**2),
-    )  # fmt: skip
+    stage_writing.add_bulb(stage, "/World/Ball", (0.35, 1.3, 1.2), radius=0.08, luminous_flux=700.0)
 
 
 def main() -> None:

@@ -14,6 +14,7 @@ import argparse
 import gc
 import sys
 import tempfile
+import time
 from pathlib import Path
 from types import FunctionType
 
@@ -22,7 +23,8 @@ from tools.fuzz.odd_text import OddText
 from tools.fuzz.targets import CORPUS, TARGETS
 
 LONGEST_FILE = 16_384  # bytes
-LONGEST_RUN = 10  # s for one file
+LONGEST_RUN = 10  # s of CPU for one file, however busy the machine
+LONGEST_WAIT = 120  # s of wall-clock time: it hangs
 LARGEST_RUN = 3072  # MB in all
 
 
@@ -52,13 +54,16 @@ def main() -> None:
         return odd.change(content.decode("latin-1"), seed).encode("latin-1")[:longest]
 
     def try_file(content: bytes) -> None:
+        begun = time.process_time()
         read(content, Path(folder))
+        taken = time.process_time() - begun
+        assert taken < LONGEST_RUN, f"took {taken:.0f} s"
 
     with tempfile.TemporaryDirectory(prefix="isolux_fuzz_") as folder:
         options = {
             "max_total_time": chosen.seconds,
             "max_len": LONGEST_FILE,
-            "timeout": LONGEST_RUN,
+            "timeout": LONGEST_WAIT,
             "rss_limit_mb": LARGEST_RUN,
             "artifact_prefix": f"build/fuzz/{chosen.target}_",
             "print_final_stats": 1,

@@ -35,8 +35,8 @@ class LuminaireIlluminance {
 
     double intensity(const Vec3d& to) const; // cd; from the receiver, world space, any length
 
-    // lx. Exact for constant luminance; a goniometric diagram counts as a point beyond seven
-    // openings, by quadrature over the opening nearer.
+    // lx. Exact for constant luminance; a goniometric diagram counts as a point from afar, nearer
+    // by quadrature over the opening.
     double unoccluded(const Receiver& receiver) const;
 
     // u, v in [0, 1)
@@ -53,7 +53,9 @@ class LuminaireIlluminance {
 
     bool is_far(const Vec3d& to, const Vec3d& normal, double openings) const;
     double constant_luminance(const Vec3d& to, const Vec3d& normal) const;
+    double as_point(const Receiver& receiver) const;
     double quadrature(const Receiver& receiver) const;
+    double by_points(const Receiver& receiver, int parts) const;
     double from_infinity(const Vec3d& normal) const;
     ShadowSample infinite_sample(const Receiver& receiver, double u, double v) const;
 

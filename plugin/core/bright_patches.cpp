@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 
 namespace isolux {
 namespace {
@@ -13,6 +14,8 @@ constexpr float kCap = 4.0F;
 constexpr std::size_t kMostPatches = 512;
 // Square distance, in areas of the patch, from which it counts as a point.
 constexpr float kFar = 16.0F;
+// m^4, lest a patch at no distance divides by it.
+constexpr float kTiny = 1e-30F;
 
 } // namespace
 
@@ -45,23 +48,47 @@ BrightPatches::BrightPatches(const Scene& scene, std::span<const Receiver> recei
         return noise(a) > noise(b) || (noise(a) == noise(b) && a.vertex < b.vertex);
     });
     patches_.resize(std::min(patches_.size(), kMostPatches));
+    blocks_.resize((patches_.size() + Block::kSize - 1) / Block::kSize);
     for (std::size_t p = 0; p < patches_.size(); ++p) {
-        patch_of_[patches_[p].vertex] = static_cast<std::int32_t>(p);
+        const auto& [position, normal, a, above, vertex] = patches_[p];
+        patch_of_[vertex] = static_cast<std::int32_t>(p);
+        Block& block = blocks_[p / Block::kSize];
+        const std::size_t i = p % Block::kSize;
+        block.x[i] = position.x;
+        block.y[i] = position.y;
+        block.z[i] = position.z;
+        block.normal_x[i] = normal.x;
+        block.normal_y[i] = normal.y;
+        block.normal_z[i] = normal.z;
+        block.area[i] = a;
+        block.flux[i] = above;
     }
 }
 
 void BrightPatches::look(const Vec3f& position, const Vec3f& normal, std::size_t count,
                          PhotonRandom& random, std::vector<BrightHit>& hits) const {
-    std::array<float, kMostPatches> light{}; // lx, if nothing is in the way
+    constexpr std::size_t kSize = Block::kSize;
+    static_assert(kMostPatches % kSize == 0);
+    std::array<float, kMostPatches> light; // lx, if nothing is in the way
+    std::array<float, kMostPatches / kSize> of_block;
     float sum = 0.0F;
-    for (std::size_t p = 0; p < patches_.size(); ++p) {
-        const Patch& patch = patches_[p];
-        const Vec3f to = patch.position - position;
-        const float square = dot(to, to);
-        const float cosines =
-            std::max(0.0F, dot(to, normal)) * std::max(0.0F, -dot(to, patch.normal));
-        light[p] = square > kFar * patch.area ? patch.flux * cosines / (square * square) : 0.0F;
-        sum += light[p];
+    for (std::size_t b = 0; b < blocks_.size(); ++b) {
+        const Block& block = blocks_[b];
+        float* const of = &light[b * kSize];
+        for (std::size_t i = 0; i < kSize; ++i) {
+            const float x = block.x[i] - position.x, y = block.y[i] - position.y,
+                        z = block.z[i] - position.z;
+            const float square = x * x + y * y + z * z;
+            const float here = x * normal.x + y * normal.y + z * normal.z;
+            const float there =
+                -(x * block.normal_x[i] + y * block.normal_y[i] + z * block.normal_z[i]);
+            // Four times the cosines' product: branches would keep the compiler from vectors.
+            const float cosines = (here + std::abs(here)) * (there + std::abs(there));
+            const float far = square > kFar * block.area[i] ? 0.25F : 0.0F;
+            of[i] = far * block.flux[i] * cosines / (square * square + kTiny);
+        }
+        of_block[b] = std::accumulate(of, of + kSize, 0.0F);
+        sum += of_block[b];
     }
     const float share = sum / std::numbers::pi_v<float>;
     const float start = high_float(random.next());
@@ -75,8 +102,16 @@ void BrightPatches::look(const Vec3f& position, const Vec3f& normal, std::size_t
         const std::size_t begin = hits.size();
         for (std::size_t k = first; k < end; ++k) {
             const float target = (static_cast<float>(k) + start) / static_cast<float>(count) * sum;
-            while (at + 1 < patches_.size() && before + light[at] <= target) {
-                before += light[at++];
+            for (;;) {
+                const bool begins = at % kSize == 0 && at + kSize < patches_.size();
+                if (begins && before + of_block[at / kSize] <= target) {
+                    before += of_block[at / kSize];
+                    at += kSize;
+                } else if (at + 1 < patches_.size() && before + light[at] <= target) {
+                    before += light[at++];
+                } else {
+                    break;
+                }
             }
             while (at > 0 && light[at] == 0.0F) { // by rounding, beyond the last
                 before -= light[--at];

@@ -7,6 +7,7 @@
 // over the hemisphere, which also see all of a patch that is too near to count as a point.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -50,10 +51,16 @@ class BrightPatches {
         float flux;             // lm above the cap
         std::int32_t vertex;
     };
+    // Side by side, so that the compiler weighs several at once; those that are missing give none.
+    struct Block {
+        static constexpr std::size_t kSize = 16;
+        std::array<float, kSize> x{}, y{}, z{}, normal_x{}, normal_y{}, normal_z{}, area{}, flux{};
+    };
     static bool is_far(const Patch& patch, const Vec3f& position);
 
     const RayCaster* caster_ = nullptr;
     std::vector<Patch> patches_;
+    std::vector<Block> blocks_; // of the same patches
     std::vector<std::int32_t> patch_of_; // one a vertex
     float cap_ = 0.0F;
 };

@@ -60,7 +60,7 @@ class BrightPatches {
 
     const RayCaster* caster_ = nullptr;
     std::vector<Patch> patches_;
-    std::vector<Block> blocks_; // of the same patches
+    std::vector<Block> blocks_;          // of the same patches
     std::vector<std::int32_t> patch_of_; // one a vertex
     float cap_ = 0.0F;
 };

@@ -1,5 +1,6 @@
 """Fixtures that several test files share, and the report of what is validated."""
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from validation.recorder import Recorder
 from validation.rows import Validation
 
+sys.path.append(str(Path(__file__).parents[1] / "tools"))  # where the tools import each other
 INPUTS = Path(__file__).parents[1].parent / "shared" / "inputs"
 REPORT = "--validation-report"
 

@@ -1,13 +1,10 @@
 """What other programs get of a scene, and how their answers are judged."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).parents[1] / "tools"))  # where the tools import each other
 from peers.agreement import agreement
 from peers.export import export_scene, lit_vertices, refuse_what_peers_lack
 from peers.peer_scene import PeerScene

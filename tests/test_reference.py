@@ -2,15 +2,9 @@
 
 import numpy as np
 import pytest
-from tools.reference import (
-    DIRECT,
-    INDIRECT,
-    TOTAL,
-    PathTracedReference,
-    PathTracer,
-    diagram_flux,
-    path_traced_reference,
-)
+from luminaire_sampling import diagram_flux
+from path_tracer import PathTracer
+from reference import DIRECT, INDIRECT, TOTAL, PathTracedReference, path_traced_reference
 from usd_scenes.box_room.generate import LUMINOUS_FLUX, SIZE
 from usd_scenes.furnace_sphere.generate import icosphere
 from usd_scenes.shapes import box, merge, rectangle

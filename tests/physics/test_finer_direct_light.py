@@ -3,7 +3,7 @@
 import time
 
 import numpy as np
-from tools.reference import DIRECT, path_traced_reference
+from reference import DIRECT, path_traced_reference
 from usd_scenes.cornell_box.generate import generate
 
 import isolux

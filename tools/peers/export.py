@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from reference import OFFSET, diagram_flux, diagram_intensity
+from luminaire_sampling import diagram_flux, diagram_intensity
+from path_tracer import OFFSET
 
 from isolux import _core
 from isolux.core_scene import mesh_triangles

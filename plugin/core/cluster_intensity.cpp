@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace isolux {
 namespace {
@@ -99,7 +100,8 @@ void ClusterIntensity::settle() {
 }
 
 int ClusterIntensity::bin(const Vec3d& d) {
-    const double size = std::abs(d.x) + std::abs(d.y) + std::abs(d.z);
+    const double size =
+        std::max(std::numeric_limits<double>::min(), std::abs(d.x) + std::abs(d.y) + std::abs(d.z));
     double u = d.x / size, v = d.y / size;
     if (d.z < 0.0) {
         const double folded = (1.0 - std::abs(v)) * sign(u);

@@ -30,7 +30,7 @@ class ClusterIntensity {
     // Sum of two.
     ClusterIntensity(const ClusterIntensity& a, const ClusterIntensity& b);
 
-    static int bin(const Vec3d& direction); // world space, any length
+    static int bin(const Vec3d& direction); // world space, any length, 0 as well
     const DirectionalIntensity& at(int bin) const { return bins_[bin]; }
     // Leaves the fine directions, which only sums need.
     void settle();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <numeric>
 #include <utility>
@@ -232,21 +233,24 @@ ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiv
     const auto beyond = [](double a, double half) { return std::max(0.0, std::abs(a) - half); };
     const Vec3d gap{beyond(to.x, cluster.half.x), beyond(to.y, cluster.half.y),
                     beyond(to.z, cluster.half.z)};
-    const double per_squared = 1.0 / squared, per_distance = std::sqrt(per_squared);
-    const double nearest_squared = 1.0 / dot(gap, gap), nearest = std::sqrt(nearest_squared);
-    const auto cosine = [](double a) { return std::max(0.0, std::min(1.0, a)); }; // 1 for NaN
-
     ClusterIlluminance out;
+    const double gap_squared = dot(gap, gap);
+    if (gap_squared == 0.0) { // among its luminaires, which nothing bounds
+        out.most = std::numeric_limits<double>::infinity();
+        out.angle = 1.0;
+        return out;
+    }
+    const double per_squared = 1.0 / squared, per_distance = std::sqrt(per_squared);
+    const double nearest_squared = 1.0 / gap_squared, nearest = std::sqrt(nearest_squared);
+    const auto cosine = [](double a) { return std::clamp(a, 0.0, 1.0); };
+
     out.angle = std::min(1.0, cluster.radius * per_distance);
     out.middle = cluster.peak_intensity * cosine(height * per_distance) * per_squared;
     out.most = cluster.peak_intensity * cosine((height + up) * nearest) * nearest_squared;
-    // Logarithmic derivative of height / distance³, or of height * below / distance⁴.
-    Vec3d slope = normal * (1.0 / height) + to * (-3.0 * per_squared);
     bool first_order = height > up;
     if (cluster.follows_cosine) {
         out.middle *= cosine(below * per_distance);
         out.most *= cosine((below + down) * nearest);
-        slope += cluster.axis * (-1.0 / below) + to * -per_squared;
         first_order &= below > down;
     }
     double across = 0.0;
@@ -260,9 +264,18 @@ ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiv
         out.between = towards.between;
         across = towards.across * wide * wide;
     }
+    if (!first_order) {
+        out.spread = kUnknownSpread;
+        return out;
+    }
+    // Logarithmic derivative of height / distance³, or of height * below / distance⁴.
+    Vec3d slope = normal * (1.0 / height) + to * (-3.0 * per_squared);
+    if (cluster.follows_cosine) {
+        slope += cluster.axis * (-1.0 / below) + to * -per_squared;
+    }
     const Vec3d change{slope.x * cluster.half.x, slope.y * cluster.half.y,
                        slope.z * cluster.half.z};
-    out.spread = first_order ? dot(change, change) / 3.0 + across : kUnknownSpread;
+    out.spread = dot(change, change) / 3.0 + across;
     return out;
 }
 

@@ -52,6 +52,23 @@ def test_many_luminaires_of_all_shapes(validation):
 
 
 @pytest.mark.validation(STOCHASTIC)
+def test_in_the_very_middle_of_many_luminaires(validation):
+    """Nowhere a light tree could stand for them: there it gave one of 40, or none at all."""
+    rng = np.random.default_rng(1)
+    half = rng.uniform(0.2, 1, (20, 3)) * rng.choice([-1, 1], (20, 3))
+    places = np.concatenate([half, -half])
+    flux = rng.uniform(200, 2000, len(places))
+    bulbs = [luminaire(f, at) for f, at in zip(flux, places, strict=True)]
+    distance = np.linalg.norm(places, axis=1)
+    expected = (flux / (4 * np.pi) * np.maximum(0, places[:, 2]) / distance**3).sum()
+    found = direct(bulbs, [(0, 0, 0)], UP)
+    told = found["standard_error"][0]
+    assert told < 0.05 * expected
+    case = "in the middle of 40 luminaires, direct light, Σ I cosθ/d²"
+    validation.check(case, expected, found["illuminance"][0], sigma=told)
+
+
+@pytest.mark.validation(STOCHASTIC)
 @pytest.mark.parametrize("beam", [0.1, 0.3, 0.8])
 def test_many_spots(validation, beam):
     """Beams that point here and there: most receivers are in few of a cluster. beam : rad."""

@@ -18,8 +18,12 @@ constexpr std::uint32_t kFirstRays = 16, kFewestRays = 4;
 constexpr double kPooledRays = 1.0;
 // Of the mean gain of a ray, below which it had better wait for what others tell.
 constexpr double kLeastGain = 0.1;
-// Reflections by looking up what was gathered; at first, and later when most is known.
+// Reflections by looking up what was gathered, at most; and what the last one changes, of the RMS
+// error: a further one would change some tenth of it.
 constexpr int kReflections = 3;
+constexpr double kSettled = 0.25;
+// Of the rays asked for, too few to look for the vertices that they help most.
+constexpr std::uint64_t kLeftOver = 16;
 // Square deviation of photons from what is known, in their variances, that is put down to chance.
 constexpr double kChance = 2.0;
 // Photons that a side of a mesh is thought to have beside its own, as many as are expected, where
@@ -321,7 +325,8 @@ void FinalGather::spend(std::uint64_t end, int threads) {
     const std::vector<double>& areas = scene_.mesh().areas;
     std::vector<std::int32_t> chosen;
     std::vector<float> gain(records_.size()); // lx² m², of each further ray
-    while (rays_ < end) {
+    const std::uint64_t left_over = rays_ < end ? (end - rays_) / kLeftOver : 0;
+    while (rays_ + left_over < end) {
         double all = 0.0;
         for (const std::int32_t v : lit_) {
             gain[v] = static_cast<float>(areas[v] * static_cast<double>(smooth_[v].variance) /
@@ -348,6 +353,25 @@ void FinalGather::spend(std::uint64_t end, int threads) {
         std::ranges::sort(chosen); // neighbours' rays meet the same triangles
         trace(chosen, 0, threads);
         smooth(threads);
+    }
+}
+
+// Until light settles.
+void FinalGather::reflect(const KnownLight& light, int threads) {
+    for (int i = 0; i < kReflections; ++i) {
+        const std::vector<SmoothIlluminance> before = smooth_;
+        look_up_all(light, threads);
+        double change = 0.0, noise = 0.0; // lx² m²
+        for (const std::int32_t v : lit_) {
+            const double area = scene_.mesh().areas[v];
+            const double now = luminance(smooth_[v].illuminance.as<double>());
+            const double moved = now - luminance(before[v].illuminance.as<double>());
+            change += area * moved * moved;
+            noise += area * static_cast<double>(smooth_[v].variance);
+        }
+        if (change <= kSettled * kSettled * noise) {
+            return;
+        }
     }
 }
 
@@ -378,10 +402,12 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
         trace(lit_, rays, threads);
         smooth(threads);
     }
-    look_up_all(light, threads);
-    spend(end, threads);
-    for (int i = 0; i < kReflections && !light.indirect.empty(); ++i) {
+    if (rays_ < end || light.indirect.empty()) {
         look_up_all(light, threads);
+    }
+    spend(end, threads);
+    if (!light.indirect.empty()) {
+        reflect(light, threads);
     }
     double square = 0.0, area = 0.0;
     // Light varies between the vertices; of photons hardly any noise is left in it.

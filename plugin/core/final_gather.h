@@ -56,6 +56,7 @@ class FinalGather {
     double ray_variance(const GatherRecord& record) const; // lx², of its rays' share in the noise
     void smooth(int threads);
     void spend(std::uint64_t end, int threads);
+    void reflect(const KnownLight& light, int threads);
 
     const Scene& scene_;
     std::uint64_t seed_;

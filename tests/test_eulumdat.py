@@ -154,6 +154,7 @@ BROKEN = {
     "1 in line 6": with_line(6, "1"),
     "lamp flux of 0 lm in line 29": with_line(29, "0"),
     "'bright' in line 29": with_line(29, "bright"),
+    "'1e300' in line 29": with_line(29, "1e300"),
     "0 after 0 in line 45": with_line(45, "0"),
     "-5 cd in line 48": with_line(48, "-5"),
     "all zero": eulumdat(candela=(0, 0, 0)),

@@ -359,6 +359,7 @@ BROKEN = {
     "'x' in line 5": lm63(electrical="1 x 10"),
     "'nan' in line 5": lm63(electrical="1 nan 10"),
     "'1e999' in line 5": lm63(electrical="1 1e999 10"),
+    "'1e300' in line 4": lm63(lamps="4294967295 1e300 1"),
     "3.5 in line 4": lm63().replace(" 3 1 1 2 ", " 3.5 1 1 2 "),
     "0 in line 4": lm63().replace(" 3 1 1 2 ", " 0 1 1 2 "),
     "'1,0' in line 5": lm63().replace("1 1 10", "1,0 1,0 10"),

@@ -13,6 +13,7 @@ from ..errors import DarkDiagramError, PhotometryError
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
 
 _SMALLEST_STEP = 2e-5  # deg, between neighbouring angles
+_LARGEST_NUMBER = 1e100  # products of three stay finite
 _LARGEST_CANDELA = 1e30  # sums stay finite; its inverse counts as no light
 
 
@@ -29,11 +30,11 @@ def decode_lines(content: bytes) -> list[str]:
 
 
 def number(text: str) -> float | None:
-    """A finite decimal number, whatever the locale; None where the text is none."""
+    """A decimal number that can be meant, whatever the locale; None where the text is none."""
     if not _NUMBER.fullmatch(text):
         return None
     value = float(text)
-    return value if np.isfinite(value) else None
+    return value if abs(value) <= _LARGEST_NUMBER else None
 
 
 def require_increasing(

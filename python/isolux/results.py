@@ -1,8 +1,9 @@
 """Writes progressive solutions into USD, one time sample a stage, and leaves the source as it is.
 
-`OUT.usda` is a small root layer that lays `OUT.results.usdc` over the source stage. The results
-layer holds `over`s of the meshes with the primvars of `output_fields`, the solver's report on a
-RenderSettings prim, and in its customLayerData what is needed to replay the run.
+`OUT.usda` is a small root layer that lays `OUT.results.usdc` over the source stage; it is made by
+`results_root`. The results layer holds `over`s of the meshes with the primvars of `output_fields`,
+the solver's report on a RenderSettings prim, and in its customLayerData what is needed to replay
+the run.
 
 Where a solution comes with a refined mesh, the meshes with splits are written as triangles, by
 `refined_results`. All stages share that one topology: those before it are interpolated to it, which
@@ -14,7 +15,6 @@ far. The samples of all stages stay in memory, and each stage writes them all ag
 
 from __future__ import annotations
 
-import os
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
@@ -22,19 +22,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdGeom, UsdRender, Vt
+from pxr import Sdf, Usd, UsdGeom, Vt
 
 from .adaptation import SceneAdaptation
 from .cage_results import CageFits, CageOutput, fit_cages
 from .display_view import DisplayView
-from .errors import SceneError
 from .instanced_results import (
     InstanceSummary,
     instance_of_meshes,
     instances_finding,
     write_expanded,
 )
-from .layer_authoring import export_layer, layer_value
+from .layer_authoring import layer_value
 from .output_fields import (
     OUTPUT_FIELDS,
     MeshCorners,
@@ -47,25 +46,11 @@ from .refined_cage import RefinedCageTopology
 from .refined_results import write_refined_mesh
 from .refined_topology import RefinedTopology, refined_topologies, unsplit_mesh
 from .results_meshes import local_shape, stage_of_mesh, write_as_mesh
+from .results_root import ResultsRoot
 from .scene_description import Finding, MeshDescription, SceneDescription
 from .schedule import steps_record
 from .settings import Instances, OutputMode
 from .solution import MeshLayout, ProgressiveStage, RefinedMesh, Solution
-from .stage_opening import variant_selections
-
-# Stage metadata that a stage takes from its root layer alone.
-_ROOT_METADATA = (
-    "defaultPrim",
-    "endTimeCode",
-    "expressionVariables",
-    "framesPerSecond",
-    "kilogramsPerUnit",
-    "renderSettingsPrimPath",
-    "startTimeCode",
-    "timeCodesPerSecond",
-)
-# A sublayer with another rate would have its time samples rescaled.
-_TIME_RATES = ("framesPerSecond", "timeCodesPerSecond")
 
 # Of values of one or two dimensions: numbers, colours.
 _ARRAY_TYPES = {
@@ -123,11 +108,9 @@ class ResultsWriter:
     ) -> None:
         self._display = display or DisplayView()
         stage = source if isinstance(source, Usd.Stage) else Usd.Stage.Open(str(source))
-        self._output = Path(output).absolute()
-        self._results = self._output.with_suffix(".results.usdc")
-        self._flattened_file = self._output.with_suffix(".source.usdc")
-        self._flattened: Sdf.Layer | None = None
-        self._check_output(stage)
+        self._layer = Sdf.Layer.CreateAnonymous(".usda")
+        self._files = ResultsRoot(stage, Path(output), self._layer)
+        self._report_prim = self._files.define_report_prim(stage)
         self._stage = stage
         self._scene = scene
         # Without the time code, a reader couldn't read the source as it was solved.
@@ -148,11 +131,6 @@ class ResultsWriter:
         self._meshes: dict[str, MeshOutput | CageOutput] = {}
         self._refined: RefinedMesh | None = None
         self._refined_paths: set[str] = set()
-        self._layer = Sdf.Layer.CreateAnonymous(".usda")
-        self._root = self._compose_root(stage)
-        self._root_written = ""
-        self._source_has_range = stage.HasAuthoredTimeCodeRange()
-        self._report_prim = self._define_report_prim(stage)
         self._double_sided = any(mesh.double_sided for mesh in scene.meshes)
         self._as_polygons = output_mode == "refined"
         self._cages = {mesh.path for mesh in scene.meshes if mesh.cage is not None}
@@ -177,7 +155,11 @@ class ResultsWriter:
     @property
     def root(self) -> Sdf.Layer:
         """The root layer that lays the results over the source."""
-        return self._root
+        return self._files.layer
+
+    def write_flattened_source(self) -> None:
+        """Where the source lies in no file as it stands, write it into one."""
+        self._files.write_flattened_source()
 
     def write(self, solution: Solution) -> None:
         """Add one stage at its integer time code and replace the files.
@@ -185,15 +167,7 @@ class ResultsWriter:
         raises : SceneError naming the file that can't be written; the earlier stages stay readable
         """
         self.add(solution)
-        try:
-            self.write_flattened_source()
-            export_layer(self._layer, self._results)
-            self._write_root(float(solution.stage.index))
-        except SceneError:
-            if not self._output.exists():  # then nothing points to the other files
-                self._results.unlink(missing_ok=True)
-                self._flattened_file.unlink(missing_ok=True)
-            raise
+        self._files.write(float(solution.stage.index))
 
     def add(self, solution: Solution) -> None:
         """Add one stage to `layer`; no file is written."""
@@ -240,12 +214,6 @@ class ResultsWriter:
             self._write_summary(stage)
             self._write_report(solution)
 
-    def write_flattened_source(self) -> None:
-        """Where the source lies in no file as it stands, write it into one."""
-        if self._flattened:
-            export_layer(self._flattened, self._flattened_file)
-            self._flattened = None
-
     def _begin_instances(self, solution: Solution) -> None:
         """Make prims of the instances, or leave out their meshes; say what that costs."""
         instanced = instance_of_meshes(self._scene)
@@ -265,77 +233,6 @@ class ResultsWriter:
         for item, field, values in self._summary.primvars(stage):
             interpolation = "constant" if item.copies is None else "vertex"
             self._write_values(item.path, field, interpolation, None, values, stage.time_code)
-
-    def _check_output(self, stage: Usd.Stage) -> None:
-        if self._output.suffix not in (".usda", ".usd", ".usdc"):
-            raise SceneError(
-                str(self._output), f'suffix "{self._output.suffix}"', ".usda, .usd or .usdc"
-            )
-        folder = self._output.parent
-        if not (folder.is_dir() and os.access(folder, os.W_OK)):
-            raise SceneError(str(self._output), f"no writable folder {folder}", "a file to write")
-        used = {Path(layer.realPath).resolve() for layer in stage.GetUsedLayers() if layer.realPath}
-        for path in (self._output, self._results, self._flattened_file):
-            if path.resolve() in used:
-                raise SceneError(str(path), "a layer of the source stage", "another output file")
-
-    def _compose_root(self, stage: Usd.Stage) -> Sdf.Layer:
-        """The root layer but for its time range, which grows with the stages."""
-        source = stage.GetRootLayer()
-        root = Sdf.Layer.CreateAnonymous(".usda")
-        root.subLayerPaths = [f"./{self._results.name}", self._source_asset(stage, root)]
-        for key in _ROOT_METADATA:
-            if source.pseudoRoot.HasInfo(key):
-                root.pseudoRoot.SetInfo(key, source.pseudoRoot.GetInfo(key))
-        # Also where the source leaves them to the fallback, which may differ at the reader's site.
-        root.pseudoRoot.SetInfo("metersPerUnit", UsdGeom.GetStageMetersPerUnit(stage))
-        root.pseudoRoot.SetInfo("upAxis", UsdGeom.GetStageUpAxis(stage))
-        for key in _TIME_RATES:
-            if source.pseudoRoot.HasInfo(key):
-                self._layer.pseudoRoot.SetInfo(key, source.pseudoRoot.GetInfo(key))
-        return root
-
-    def _source_asset(self, stage: Usd.Stage, root: Sdf.Layer) -> str:
-        """Path of the source from the output's folder.
-
-        Variants that the session chooses go into `root`. A stage that otherwise lies in no file as
-        it stands (in memory, unsaved edits, session opinions, muted layers) is flattened into a
-        file of its own.
-        """
-        layer, session = stage.GetRootLayer(), stage.GetSessionLayer()
-        selections = variant_selections(session) if session else {}
-        in_files = selections is not None and not stage.GetMutedLayers()
-        in_files = in_files and all(
-            used.empty or used == session if used.anonymous else not used.dirty
-            for used in stage.GetUsedLayers()
-        )
-        if in_files and not layer.anonymous:
-            for path, chosen in (selections or {}).items():
-                Sdf.CreatePrimInLayer(root, path).variantSelections.update(chosen)
-            if not layer.realPath:
-                return str(layer.identifier)
-            relative = os.path.relpath(layer.realPath, self._output.parent)
-            return Path(relative).as_posix() if relative.startswith("..") else f"./{relative}"
-        self._flattened = stage.Flatten()
-        return f"./{self._flattened_file.name}"
-
-    def _define_report_prim(self, stage: Usd.Stage) -> Sdf.Path:
-        """The stage's own RenderSettings prim, else a new one that the root layer points to."""
-        authored = stage.GetMetadata("renderSettingsPrimPath")
-        if authored and UsdRender.Settings(stage.GetPrimAtPath(authored)):
-            path = Sdf.Path(authored)
-            Sdf.CreatePrimInLayer(self._layer, path)
-            return path
-        scope = Sdf.Path("/Render")
-        while stage.GetPrimAtPath(scope):
-            scope = Sdf.Path(f"/Isolux{scope.name}")
-        path = scope.AppendChild("Isolux")
-        for prim_path, type_name in ((scope, "Scope"), (path, "RenderSettings")):
-            prim = Sdf.CreatePrimInLayer(self._layer, prim_path)
-            prim.specifier = Sdf.SpecifierDef
-            prim.typeName = type_name
-        self._root.pseudoRoot.SetInfo("renderSettingsPrimPath", str(path))
-        return path
 
     def _refine(self, refined: RefinedMesh, layouts: Mapping[str, MeshLayout]) -> None:
         """Put all stages so far on this refinement."""
@@ -428,8 +325,8 @@ class ResultsWriter:
         values: NDArray[np.float32],
         time_code: float,
     ) -> None:
-        array_type, value_type = _ARRAY_TYPES[values.ndim]
         """One stage of a primvar. picked : the primvar's indices; None: it has none"""
+        array_type, value_type = _ARRAY_TYPES[values.ndim]
         path = Sdf.Path(f"{owner}.primvars:{field.name}")
         attribute = self._layer.GetAttributeAtPath(path)
         if not attribute:
@@ -471,16 +368,6 @@ class ResultsWriter:
                 }
             )
         }
-
-    def _write_root(self, time_code: float) -> None:
-        """After the results layer, so that the root layer never points to nothing."""
-        if not self._source_has_range:
-            self._root.startTimeCode = 1.0
-            self._root.endTimeCode = time_code
-        text = self._root.ExportToString()
-        if text != self._root_written:
-            export_layer(self._root, self._output)
-            self._root_written = text
 
 
 def _sites(prim: Usd.Prim) -> Iterator[str]:

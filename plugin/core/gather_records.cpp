@@ -188,7 +188,7 @@ Vec3f RecordTracer::direct_illuminance(const Receiver& at, PhotonRandom& random)
     const bool some = all > kCandidates;
     const std::size_t count = some ? kCandidates : all;
     std::array<std::size_t, kCandidates> candidates{};
-    std::array<double, kCandidates> weights{}; // lx
+    std::array<double, kCandidates> weights{}, shares{}; // lx; 1
     double sum = 0.0;
     for (std::size_t k = 0; k < count; ++k) {
         double share = 1.0;
@@ -199,7 +199,8 @@ Vec3f RecordTracer::direct_illuminance(const Receiver& at, PhotonRandom& random)
             share = scene_.luminous_flux() / (chosen.luminous_flux * kCandidates);
         }
         const LuminaireIlluminance& luminaire = luminaires_[candidates[k]];
-        weights[k] = luminaire.luminaire().lights(at.mesh) ? luminaire.unoccluded(at) * share : 0.0;
+        shares[k] = share;
+        weights[k] = luminaire.luminaire().lights(at.mesh) ? luminaire.about(at) * share : 0.0;
         sum += weights[k];
     }
     double u = random.next_double() * sum;
@@ -212,7 +213,7 @@ Vec3f RecordTracer::direct_illuminance(const Receiver& at, PhotonRandom& random)
         u -= weights[k++];
     }
     const LuminaireIlluminance& luminaire = luminaires_[candidates[k]];
-    const ShadowSample sample = luminaire.shadow_sample(at, v, w);
+    const ShadowSample sample = luminaire.light_sample(at, v, w);
     const Vec3f from = (at.position - scene_.ray_caster().origin()).as<float>();
     const Vec3f to = (sample.point - scene_.ray_caster().origin()).as<float>() - from;
     if (sample.weight <= 0.0) {
@@ -220,7 +221,8 @@ Vec3f RecordTracer::direct_illuminance(const Receiver& at, PhotonRandom& random)
     }
     const float visible = scene_.ray_caster().transmitted(
         {from, to * (1.0F - 0x1p-12F), 0.0F, luminaire.luminaire().shadow_meshes()});
-    return sample.colour * (static_cast<float>(sum) * visible);
+    const double all_light = sample.weight * shares[k] * sum / weights[k];
+    return sample.colour * (static_cast<float>(all_light) * visible);
 }
 
 void look_up(const Exitances& exitances, GatherRecord& record) {

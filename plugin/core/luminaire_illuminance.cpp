@@ -21,6 +21,11 @@ constexpr double kPointOpenings = 25.0, kTriedAsPoint = 7.0;
 // The same for constant luminance, 0.01 % off, and for tubes, whose light starts aside of the axis.
 constexpr double kExactOpenings = 50.0;
 
+// From so many openings on any one point tells about as much as all.
+constexpr double kOnePointOpenings = 2.0;
+// Of a luminaire chosen by its intensity, cd/lm, where that is 0 towards its middle alone.
+constexpr double kEvenIntensity = 0.1 / (4.0 * kPi);
+
 // Gauss' three points on [0, 1].
 constexpr double kGaussOffset = 0.3872983346207417;
 constexpr std::array<double, 3> kGaussPoints{0.5 - kGaussOffset, 0.5, 0.5 + kGaussOffset};
@@ -31,6 +36,9 @@ constexpr std::array<double, 2> kGaussPair{0.21132486540518712, 0.78867513459481
 constexpr double kPartsPerOpening = 2.0;
 constexpr int kMostParts = 16;
 constexpr double kAgreeing = 0.01; // the finer of the two is about four times nearer to the truth
+
+// Of what an even luminaire gives to a receiver that faces it: less needn't be known that well.
+constexpr double kFaint = 0.1;
 
 // Of a radius: a receiver that is no farther inside of a luminaire touches it, but for rounding;
 // and of the radius squared, how far outside it is taken to be.
@@ -358,7 +366,9 @@ double LuminaireIlluminance::quadrature(const Receiver& receiver) const {
     double found = point ? as_point(receiver) : by_points(receiver, parts);
     parts = point ? 0 : std::max(1, 2 * parts);
     double finer = by_points(receiver, parts);
-    while (std::abs(finer - found) > kAgreeing * finer && parts < kMostParts) {
+    const double squared = std::max(dot(to, to), radius_ * radius_);
+    const double faint = kFaint * luminaire_.luminous_flux / (4.0 * kPi * squared);
+    while (std::abs(finer - found) > kAgreeing * std::max(finer, faint) && parts < kMostParts) {
         parts = std::max(1, 2 * parts);
         found = finer;
         finer = by_points(receiver, parts);
@@ -412,6 +422,33 @@ ShadowSample LuminaireIlluminance::shadow_sample(const Receiver& receiver, doubl
         weight *= intensity(s.to);
     }
     return {receiver.position + s.to, weight, luminaire_.colour};
+}
+
+bool LuminaireIlluminance::one_point_tells(const Receiver& receiver) const {
+    return luminaire_.diagram != nullptr && is_far(luminaire_.position - receiver.position,
+                                                   receiver.normal.as<double>(), kOnePointOpenings);
+}
+
+double LuminaireIlluminance::about(const Receiver& receiver) const {
+    if (!one_point_tells(receiver)) {
+        return unoccluded(receiver);
+    }
+    const Vec3d to = luminaire_.position - receiver.position;
+    const double squared = dot(to, to);
+    return (intensity(to) + kEvenIntensity * luminaire_.luminous_flux) *
+           dot(to, receiver.normal.as<double>()) / (squared * std::sqrt(squared));
+}
+
+ShadowSample LuminaireIlluminance::light_sample(const Receiver& receiver, double u,
+                                                double v) const {
+    if (!one_point_tells(receiver)) {
+        ShadowSample sample = shadow_sample(receiver, u, v);
+        sample.weight = sample.weight > 0.0 ? unoccluded(receiver) : 0.0;
+        return sample;
+    }
+    const Sight s = sight(receiver, u, v);
+    return {receiver.position + s.to, s.factor > 0.0 ? s.factor * intensity(s.to) : 0.0,
+            luminaire_.colour};
 }
 
 } // namespace isolux

@@ -42,6 +42,13 @@ class LuminaireIlluminance {
     // u, v in [0, 1)
     ShadowSample shadow_sample(const Receiver& receiver, double u, double v) const;
 
+    // To choose a luminaire by, lx: about what it gives where nothing is in the way, and above 0
+    // wherever it gives any.
+    double about(const Receiver& receiver) const;
+    // A point, whose weight is the illuminance, lx, by what it alone tells: its mean over (u, v) is
+    // `unoccluded`.
+    ShadowSample light_sample(const Receiver& receiver, double u, double v) const;
+
   private:
     // From the receiver to where light starts, and the illuminance for each candela to the receiver
     // if all light came as from there: its mean over (u, v) with the intensity is the illuminance.
@@ -51,6 +58,7 @@ class LuminaireIlluminance {
     };
     Sight sight(const Receiver& receiver, double u, double v) const;
 
+    bool one_point_tells(const Receiver& receiver) const;
     bool is_far(const Vec3d& to, const Vec3d& normal, double openings) const;
     double constant_luminance(const Vec3d& to, const Vec3d& normal) const;
     double as_point(const Receiver& receiver) const;

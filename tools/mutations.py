@@ -41,15 +41,15 @@ MUTATIONS = (
     Mutation(
         "a far luminaire without the cosine at the receiver",
         _CORE + "luminaire_illuminance.cpp",
-        "height / (distance * distance * distance)",
-        "1.0 / (distance * distance)",
+        "intensity(to) * dot(to, receiver.normal.as<double>()) / (squared * std::sqrt(squared))",
+        "intensity(to) / squared",
         "tests/physics/test_cie_171_direct.py",
     ),
     Mutation(
         "1/r in place of 1/r²",
         _CORE + "luminaire_illuminance.cpp",
-        "height / (distance * distance * distance)",
-        "height / (distance * distance)",
+        "intensity(to) * dot(to, receiver.normal.as<double>()) / (squared * std::sqrt(squared))",
+        "intensity(to) * dot(to, receiver.normal.as<double>()) / squared",
         "tests/physics/test_cie_171_direct.py",
     ),
     Mutation(
@@ -148,8 +148,8 @@ MUTATIONS = (
     Mutation(
         "of many luminaires one that does not stand for the others",
         _CORE + "direct_lighting.cpp",
-        "unoccluded * cluster->luminous_flux / light.luminaire().luminous_flux",
-        "unoccluded",
+        "unoccluded / probability, &cluster",
+        "unoccluded, &cluster",
         "tests/test_direct_lighting.py tests/physics/test_direct_illuminance.py",
     ),
     Mutation(

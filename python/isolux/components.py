@@ -356,10 +356,13 @@ class Radiosity:
 
 def photometric(illuminance: Array) -> Array:
     """(n,) lx of (n, 3) colours."""
-    return illuminance @ LUMINANCE_WEIGHTS.astype(np.float32)
+    # Not by @: BLAS would wake threads for it, which then wait for more at full speed.
+    luminous: Array = np.einsum("ij,j", illuminance, LUMINANCE_WEIGHTS.astype(np.float32))
+    return luminous
 
 
 def root_mean_square(values: Array, areas: NDArray[np.float64]) -> float:
     """Area-weighted, of (V,) values."""
     total = areas.sum()
-    return float(np.sqrt(areas @ values.astype(np.float64) ** 2 / total)) if total > 0 else 0.0
+    square = np.einsum("i,i", areas, values.astype(np.float64) ** 2)
+    return float(np.sqrt(square / total)) if total > 0 else 0.0

@@ -90,7 +90,8 @@ class Illumination:
     def _mean(self, illuminance: Array) -> float:
         """Area-weighted photometric mean, lx."""
         total = float(self._areas.sum())
-        return float(self._areas @ photometric(illuminance)) / total if total > 0 else 0.0
+        flux = np.einsum("i,i", self._areas, photometric(illuminance))
+        return float(flux) / total if total > 0 else 0.0
 
     def _relative(self, rms: float, illuminance: Array) -> float:
         mean = self._mean(illuminance)

@@ -250,6 +250,11 @@ HOSTILE = {
         ["/Field/Copy0"],
         ("/Field", "PointInstancer", "skipped"),
     ),
+    "an orientation that is not finite": (
+        field(("int[]", "quath[] orientations = [(inf, 0, 0, 0), (1, 0, 0, 0)]\nint[]")),
+        ["/Field/Copy1"],
+        ("/Field", "PointInstancer", "skipped"),
+    ),
     "a position out of reach": (
         field(("(1, 0, 0)", "(1e30, 0, 0)")),
         ["/Field/Copy0"],

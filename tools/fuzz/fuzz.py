@@ -55,9 +55,13 @@ def main() -> None:
 
     def try_file(content: bytes) -> None:
         begun = time.process_time()
-        read(content, Path(folder))
-        taken = time.process_time() - begun
-        assert taken < LONGEST_RUN, f"took {taken:.0f} s"
+        try:
+            read(content, Path(folder))
+            taken = time.process_time() - begun
+            assert taken < LONGEST_RUN, f"took {taken:.0f} s"
+        except BaseException:  # libFuzzer writes it later, unless what ends Python ends that too
+            Path(f"build/fuzz/{chosen.target}_finding").write_bytes(content)
+            raise
 
     with tempfile.TemporaryDirectory(prefix="isolux_fuzz_") as folder:
         options = {

@@ -50,7 +50,9 @@ class FinalGather {
     void find_visible(const KnownLight& light, int threads);
     void uncover(std::span<Vec3f> illuminance) const;
     void find_exitances(const KnownLight& light);
+    Vec3f seen_from_afar(std::int32_t vertex) const; // lx by channel
     void find_rough(const KnownLight& light);
+    void find_tight();
     void trace(std::span<const std::int32_t> vertices, std::uint32_t rays, int threads);
     void estimate_noise();
     double ray_variance(const GatherRecord& record) const; // lx², of its rays' share in the noise
@@ -74,6 +76,7 @@ class FinalGather {
     VisibleArea visible_;
     std::span<const Vec3f> direct_;   // of the light in hand
     std::vector<std::uint8_t> rough_; // one a vertex: direct light changes from it to the next
+    std::vector<std::uint8_t> tight_; // one a vertex: most of what it sees is nearer than the next
     double noise_share_ = 1.0; // of the variance of independent rays, that a Sobol sequence leaves
     double pooled_variance_ = 0.0; // lx², photometric, of one ray
     std::uint64_t rays_ = 0;

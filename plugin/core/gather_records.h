@@ -35,6 +35,7 @@ struct GatherRecord {
     std::vector<BrightHit> bright_hits;
     std::vector<NearHit> near_hits;
     std::uint32_t further_rays = 0; // that near hits took
+    std::uint32_t close_rays = 0;   // that met something nearer than the next vertex
     // Of the latest exitances:
     Vec3f illuminance;         // lx by channel
     double ray_variance = 0.0; // lx², photometric, of one ray
@@ -52,6 +53,7 @@ struct VertexLight {
     const BrightPatches& bright;
     std::span<const Vec3f> direct;       // lx by channel, one a vertex
     std::span<const std::uint8_t> rough; // whether it isn't linear from this vertex to the next
+    std::span<const std::uint8_t> tight; // whether most of what it sees is nearer than the next
 };
 
 class RecordTracer {

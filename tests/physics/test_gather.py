@@ -204,6 +204,31 @@ def test_a_vertex_in_the_foot_of_a_column_does_not_darken_the_floor_around_it():
     assert found[at_ceiling] == pytest.approx(expected, rel=0.03)
 
 
+def test_the_dark_behind_a_picture_does_not_darken_the_wall_beside_it(validation):
+    """The edge of the picture runs half-way between a vertex in the light and one in the dark."""
+    wall = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 1.0), 0.5)
+    picture = rectangle((-0.5, -2, 0.1), (2.5, 0, 0), (0, 4, 0), 0.5)
+    opposite = surface(rectangle((-2, -2, 3), (0, 4, 0), (4, 0, 0), 0.25), 0.0)
+    meshes = [wall, surface(picture, 0.0, double_sided=True), opposite]
+    traced = trace(meshes, [luminaire(at=(0, 0, 2))], 1000)
+    at_wall, at_opposite = traced.front(0), traced.front(2)
+    light = np.ones(len(traced.areas))  # some gets behind the picture
+    light[at_wall] = np.where(traced.scene.receiver_positions[at_wall, 0] < -0.5, 100.0, 1.0)
+    found, _ = gathered_from_direct(traced, light, 300 * len(light))
+    a, b = (grid.ravel() for grid in np.meshgrid(np.arange(-1.995, -0.5, 0.01),
+                                                 np.arange(-1.995, 2.0, 0.01)))  # fmt: skip
+    points, up = np.stack([a, b, 0 * a], axis=1), np.array([0.0, 0.0, 1.0])
+    expected = []
+    for p in traced.scene.receiver_positions[at_opposite]:
+        past = a + 0.1 / 3 * (p[0] - a) < -0.5  # the picture's edge
+        expected.append(50 * form_factors(p, -up, points[past], up, 0.01**2))
+    weights = traced.areas[at_opposite]
+    means = [np.average(values, weights=weights) for values in (expected, found[at_opposite])]
+    case = "light from a wall beside a picture, mean by gather"
+    # 9 % where light falls evenly from the vertex beside to the one behind.
+    validation.check(case, means[0], np.array([means[1]]), relative=0.05)
+
+
 def test_what_covers_a_floor_between_its_vertices_takes_no_light_from_the_rest(validation):
     """A cube of 2 m; strips of wood cover half of its floor and ceiling, none of their vertices."""
     cube = box((2, 2, 2), 0.2).flipped()

@@ -17,6 +17,10 @@ constexpr float kLeastCosine = 0.7F;
 constexpr double kPooledRays = 4.0;
 // Standard deviations of the residuals' sum, of curvature that chance may have hidden.
 constexpr double kHidden = 1.0;
+// Of what a vertex's own rays say otherwise, what those of each beside it count.
+constexpr float kBeside = 0.5F;
+// Of its noise, the variance of what too few values around a vertex tell of it.
+constexpr float kUnknown = 1e6F;
 
 // A symmetric matrix of three rows.
 struct Normal {
@@ -94,8 +98,8 @@ std::size_t LocalRegression::around(std::int32_t vertex,
     return count;
 }
 
-SmoothIlluminance LocalRegression::fit_at(std::int32_t vertex,
-                                          std::span<const NoisyIlluminance> values) const {
+LocalRegression::Prediction
+LocalRegression::predict(std::int32_t vertex, std::span<const NoisyIlluminance> values) const {
     const NoisyIlluminance& own = values[vertex];
     std::array<std::int32_t, kMost> found{};
     const std::size_t all = around(vertex, found);
@@ -133,7 +137,8 @@ SmoothIlluminance LocalRegression::fit_at(std::int32_t vertex,
     mean /= static_cast<double>(n);
     const double h2 = square_distance / static_cast<double>(n);
     if (n < 4 || own.rays == 0.0F || h2 == 0.0) {
-        return {own.illuminance, own.rays > 0.0F ? static_cast<float>(variance) / own.rays : 0.0F};
+        const float noise = own.rays > 0.0F ? static_cast<float>(variance) / own.rays : 0.0F;
+        return {own.illuminance, kUnknown * noise, noise, 0.0F};
     }
     for (Sample& sample : std::span(samples).first(n)) {
         sample.noise = variance / sample.noise;
@@ -180,27 +185,47 @@ SmoothIlluminance LocalRegression::fit_at(std::int32_t vertex,
         sum += values[p.vertex].illuminance.as<double>() * w;
     }
     const Vec3d predicted{std::max(0.0, sum.x), std::max(0.0, sum.y), std::max(0.0, sum.z)};
-    // Where its own rays say otherwise, as at a contact that lies between it and the next, these
-    // count as much as they are sure.
     const double noise = (static_cast<double>(own.rays) * static_cast<double>(own.ray_variance) +
                           kPooledRays * variance) /
                          (static_cast<double>(own.rays) + kPooledRays) /
                          static_cast<double>(own.rays);
     const double off = luminance(predicted) - luminance(own.illuminance.as<double>());
-    const double doubt = std::max(i.a00, off * off - noise);
-    const double share = noise / (noise + doubt);
-    const Vec3f moved = (predicted - own.illuminance.as<double>()).as<float>();
-    return {own.illuminance + moved * static_cast<float>(share), static_cast<float>(doubt * share)};
+    return {predicted.as<float>(), static_cast<float>(i.a00), static_cast<float>(noise),
+            static_cast<float>(off * off - noise)};
+}
+
+// Where a vertex's own rays and those beside it say otherwise than what is around, as along a
+// contact that lies between them and the next, these count as much as they are sure. One vertex
+// alone would take its noise for it: a third of the variance stayed so.
+SmoothIlluminance LocalRegression::blend(std::int32_t vertex,
+                                         std::span<const NoisyIlluminance> values,
+                                         std::span<const Prediction> predictions) const {
+    const Prediction& of = predictions[vertex];
+    float excess = of.excess, all = 1.0F;
+    for (const std::int32_t beside : neighbours(vertex)) {
+        excess += kBeside * predictions[beside].excess;
+        all += kBeside;
+    }
+    const float doubt = std::max(of.variance, excess / all);
+    const float sum = of.noise + doubt;
+    const float share = sum > 0.0F ? of.noise / sum : 0.0F;
+    const Vec3f& own = values[vertex].illuminance;
+    return {own + (of.illuminance - own) * share, doubt * share};
 }
 
 void LocalRegression::fit(std::span<const NoisyIlluminance> values,
                           std::span<SmoothIlluminance> out, int threads) const {
-    parallel_blocks(threads, std::size_t{0}, values.size(), std::size_t{64},
-                    [&](std::size_t begin, std::size_t end) {
-                        for (std::size_t v = begin; v < end; ++v) {
-                            out[v] = fit_at(static_cast<std::int32_t>(v), values);
-                        }
-                    });
+    std::vector<Prediction> predictions(values.size());
+    const auto each = [&](const auto& turn) {
+        parallel_blocks(threads, std::size_t{0}, values.size(), std::size_t{64},
+                        [&](std::size_t begin, std::size_t end) {
+                            for (std::size_t v = begin; v < end; ++v) {
+                                turn(v);
+                            }
+                        });
+    };
+    each([&](std::size_t v) { predictions[v] = predict(static_cast<std::int32_t>(v), values); });
+    each([&](std::size_t v) { out[v] = blend(static_cast<std::int32_t>(v), values, predictions); });
 }
 
 } // namespace isolux

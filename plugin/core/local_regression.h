@@ -39,7 +39,16 @@ class LocalRegression {
     static constexpr std::size_t kMost = 24; // values around one
 
     std::size_t around(std::int32_t vertex, std::span<std::int32_t, kMost> found) const;
-    SmoothIlluminance fit_at(std::int32_t vertex, std::span<const NoisyIlluminance> values) const;
+    // What the values around a vertex tell of it, beside its own.
+    struct Prediction {
+        Vec3f illuminance;     // lx by channel
+        float variance = 0.0F; // lx², photometric
+        float noise = 0.0F;    // lx², of its own value
+        float excess = 0.0F;   // lx², square difference of both, beyond the noise
+    };
+    Prediction predict(std::int32_t vertex, std::span<const NoisyIlluminance> values) const;
+    SmoothIlluminance blend(std::int32_t vertex, std::span<const NoisyIlluminance> values,
+                            std::span<const Prediction> predictions) const;
 
     std::span<const Receiver> receivers_;
     std::vector<std::int32_t> begin_, neighbours_; // along edges, of each vertex

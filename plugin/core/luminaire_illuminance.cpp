@@ -425,8 +425,8 @@ ShadowSample LuminaireIlluminance::shadow_sample(const Receiver& receiver, doubl
 }
 
 bool LuminaireIlluminance::one_point_tells(const Receiver& receiver) const {
-    return luminaire_.diagram != nullptr && is_far(luminaire_.position - receiver.position,
-                                                   receiver.normal.as<double>(), kOnePointOpenings);
+    return !is_infinite_ && is_far(luminaire_.position - receiver.position,
+                                   receiver.normal.as<double>(), kOnePointOpenings);
 }
 
 double LuminaireIlluminance::about(const Receiver& receiver) const {

@@ -34,7 +34,7 @@ from isolux.cli import app
 from isolux.preview_layer import write_preview
 from isolux.scene_description import SceneDescription
 from small_room import FLOOR, WALLS
-from usda_stage import METRES, read_usda
+from usda_stage import INFLUENCES, METRES, read_usda
 
 MOVED = """double3 xformOp:translate = (0.2, 0.1, 0.8)
     uniform token[] xformOpOrder = ["xformOp:translate"]
@@ -75,17 +75,10 @@ ARM = """def SkelRoot "Root" {
         uniform bool doubleSided = 1
         double3 xformOp:translate = (7, 7, 7)
         uniform token[] xformOpOrder = ["xformOp:translate"]
-        int[] primvars:skel:jointIndices = [0,1, 0,1, 0,1, 0,1, 0,1, 0,1] (
-            elementSize = 2
-            interpolation = "vertex"
-        )
-        float[] primvars:skel:jointWeights = [1,0, 0.5,0.5, 0,1, 1,0, 0.5,0.5, 0,1] (
-            elementSize = 2
-            interpolation = "vertex"
-        )
+    <influences>
     }
 }
-"""
+""".replace("<influences>", INFLUENCES)
 SMOOTH_ARM = ARM.replace('"none"', '"catmullClark"')
 GLOWING = """def Mesh "Glowing" ( prepend apiSchemas = ["MeshLightAPI"] ) {
     float inputs:intensity = 40

@@ -6,20 +6,10 @@ from pxr import Gf, Usd, UsdGeom, UsdSkel
 
 from isolux import ProgressiveSolver, SolverSettings, read_stage
 from isolux.results import ResultsWriter
-from usda_stage import METRES, found, open_usda
+from usda_stage import INFLUENCES, METRES, found, open_usda
 
 IDENTITY = "((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,0,0,1))"
 ELBOW = "((1,0,0,0),(0,1,0,0),(0,0,1,0),(2,0,0,1))"
-INFLUENCES = """
-    int[] primvars:skel:jointIndices = [0,1, 0,1, 0,1, 0,1, 0,1, 0,1] (
-        elementSize = 2
-        interpolation = "vertex"
-    )
-    float[] primvars:skel:jointWeights = [1,0, 0.5,0.5, 0,1, 1,0, 0.5,0.5, 0,1] (
-        elementSize = 2
-        interpolation = "vertex"
-    )
-"""
 RIGID = """
     int[] primvars:skel:jointIndices = [1] ( interpolation = "constant" )
     float[] primvars:skel:jointWeights = [1] ( interpolation = "constant" )

@@ -6,6 +6,17 @@ from isolux.scene_description import SceneDescription
 from isolux.stage_reader import read_stage
 
 METRES = '(\n    metersPerUnit = 1\n    upAxis = "Z"\n)\n'
+# Of two joints on two rows of three points, the middle ones bent by both.
+INFLUENCES = """
+    int[] primvars:skel:jointIndices = [0,1, 0,1, 0,1, 0,1, 0,1, 0,1] (
+        elementSize = 2
+        interpolation = "vertex"
+    )
+    float[] primvars:skel:jointWeights = [1,0, 0.5,0.5, 0,1, 1,0, 0.5,0.5, 0,1] (
+        elementSize = 2
+        interpolation = "vertex"
+    )
+"""
 
 
 def open_usda(text: str, metadata: str = METRES) -> Usd.Stage:

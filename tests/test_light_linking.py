@@ -51,6 +51,16 @@ def test_the_meshes_that_a_light_lights(inputs, lit):
     assert lamp.shadow_meshes is None
 
 
+@pytest.mark.parametrize("name", ["lightLink", "shadowLink"])
+def test_a_collection_that_usd_cannot_read_is_found_and_holds_all(name):
+    attribute = f"""uniform bool collection:{name}:includeRoot = 0
+        float collection:{name}:includes = 1"""
+    lamp, scene = linked(attribute)
+    assert lamp.lit_meshes is lamp.shadow_meshes is None
+    assert found(scene) == [("/Lamp", name, "skipped")]
+    assert "not a relationship" in scene.findings[0].reason
+
+
 def test_the_meshes_that_cast_shadows():
     lamp, scene = linked("rel collection:shadowLink:excludes = </Car>")
     assert lamp.shadow_meshes == {"/Room/Wall", "/Room/Floor"}

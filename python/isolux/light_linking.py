@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from pxr import Usd
+from pxr import Tf, Usd
 
 from .reading_context import ReadingContext
 from .scene_description import LuminaireDescription, MeshDescription
+from .usd_messages import usd_message
 
 
 def link_luminaires(
@@ -49,14 +50,18 @@ def _members(
         return None
     collection = Usd.CollectionAPI(prim, name)
     includes, excludes = collection.GetIncludesRel(), collection.GetExcludesRel()
-    is_restricted = (
-        includes.HasAuthoredTargets()
-        or excludes.HasAuthoredTargets()
-        or collection.GetIncludeRootAttr().Get() is False
-    )
-    if not is_restricted:
+    try:
+        is_restricted = (
+            includes.HasAuthoredTargets()
+            or excludes.HasAuthoredTargets()
+            or collection.GetIncludeRootAttr().Get() is False
+        )
+        if not is_restricted:
+            return None
+        query = collection.ComputeMembershipQuery()
+    except Tf.ErrorException as error:
+        context.note(prim, name, "skipped", f"taken as holding all; USD: {usd_message(error)}")
         return None
-    query = collection.ComputeMembershipQuery()
     copy, prototype = _copy_of_prototype(path, str(prim.GetPath()))
     members = frozenset(
         mesh.path

@@ -23,6 +23,7 @@ from .display_view import DisplayView
 from .errors import SceneError
 from .layer_authoring import export_layer
 from .output_fields import OUTPUT_FIELDS
+from .reading_context import may_change
 from .results import ResultsWriter
 from .scene_description import MeshDescription, SceneDescription
 from .settings import SolverSettings
@@ -208,7 +209,7 @@ def frame_label(frame: float) -> str:
 
 def _any_varies(prim: Usd.Prim, names: Iterable[str]) -> bool:
     return any(
-        prim.HasAttribute(name) and prim.GetAttribute(name).ValueMightBeTimeVarying()
+        prim.HasAttribute(name) and may_change(prim.GetAttribute(name).ValueMightBeTimeVarying)
         for name in names
     )
 

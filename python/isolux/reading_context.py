@@ -6,7 +6,7 @@ import math
 import os
 import weakref
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -178,7 +178,7 @@ class ReadingContext:
     def note_changing_visibility(self, prim: Usd.Prim) -> None:
         """Say that a prim comes and goes, and at which time it is read."""
         visibility = prim.GetAttribute("visibility")
-        if visibility and visibility.ValueMightBeTimeVarying():
+        if visibility and may_change(visibility.ValueMightBeTimeVarying):
             reason = f"animated visibility read {self._when()}"
             self.note(prim, "animation", "noted", reason)
 
@@ -191,7 +191,7 @@ class ReadingContext:
         A moving transform is reported once, at the prim that moves.
         """
         when = self._when()
-        animated = [a.GetName() for a in attributes if a and a.ValueMightBeTimeVarying()]
+        animated = [a.GetName() for a in attributes if a and may_change(a.ValueMightBeTimeVarying)]
         if animated:
             more = f" and {len(animated) - 3} more" if len(animated) > 3 else ""
             reason = f"animated {', '.join(animated[:3])}{more} read {when}"
@@ -201,10 +201,18 @@ class ReadingContext:
             if (
                 prim.IsA(UsdGeom.Xformable)
                 and prim.GetPath() not in self._broken
-                and UsdGeom.Xformable(prim).TransformMightBeTimeVarying()
+                and may_change(UsdGeom.Xformable(prim).TransformMightBeTimeVarying)
             ):
                 self.note(prim, "animation", "noted", f"animated transform read {when}")
             prim = prim.GetParent()
+
+
+def may_change(asked: Callable[[], bool]) -> bool:
+    """What USD says of an animation; yes where it can't tell, as of a time that is no number."""
+    try:
+        return asked()
+    except Tf.ErrorException:
+        return True
 
 
 def _unreadable_transform(prim: Usd.Prim, time: Usd.TimeCode) -> Sdf.Path:

@@ -48,36 +48,19 @@ class BrightPatches {
     struct Patch {
         Vec3f position, normal; // local, off the surface
         float area;             // m²
-        float flux;             // lm, about what is above the cap
+        float flux;             // lm above the cap
         std::int32_t vertex;
     };
-    // Patches side by side that face about the same way, drawn as one from afar.
-    struct Group {
-        Vec3f position, normal; // local; of the mean
-        float extent;           // m, from there to the far ends of the patches
-        float thickness;        // m, the same along the normal
-        float spread;           // largest difference of a patch's normal
-        float flux;             // lm
-        std::int32_t begin, end;
-    };
-    // Groups side by side, so that the compiler weighs several at once; those that are missing give
-    // none.
+    // Side by side, so that the compiler weighs several at once; those that are missing give none.
     struct Block {
         static constexpr std::size_t kSize = 16;
-        std::array<float, kSize> x{}, y{}, z{}, normal_x{}, normal_y{}, normal_z{};
-        std::array<float, kSize> extent{}, thickness{}, spread{}, flux{};
+        std::array<float, kSize> x{}, y{}, z{}, normal_x{}, normal_y{}, normal_z{}, area{}, flux{};
     };
-    static void weigh(const Block& block, const Vec3f& position, const Vec3f& normal,
-                      std::span<float, Block::kSize> light);
     static bool is_far(const Patch& patch, const Vec3f& position);
-    Group group(std::size_t begin, std::size_t end) const;
-    void make_groups();
 
     const RayCaster* caster_ = nullptr;
-    std::vector<Patch> patches_; // group by group
-    std::vector<float> before_;  // lm, flux of the patches before each in its group
-    std::vector<Group> groups_;
-    std::vector<Block> blocks_;          // of the same groups
+    std::vector<Patch> patches_;
+    std::vector<Block> blocks_;          // of the same patches
     std::vector<std::int32_t> patch_of_; // one a vertex
     float cap_ = 0.0F;
 };

@@ -423,10 +423,7 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
         find_visible(light, threads);
         find_exitances(light);
         std::uint32_t rays = kFirstRays;
-        const auto all_rays = [&] {
-            return rays + (bright_.size() > 0 ? RecordTracer::looks(rays) : 0U);
-        };
-        while (rays > kFewestRays && all_rays() * lit_.size() > ray_budget) {
+        while (rays > kFewestRays && rays * lit_.size() > ray_budget) {
             rays /= 2;
         }
         trace(lit_, rays, threads);

@@ -44,7 +44,7 @@ constexpr float kNear = 0.25F, kNearRough = 1.0F, kNearTight = 16.0F;
 // Luminaires weighed for the one shadow ray of a near hit.
 constexpr std::size_t kCandidates = 16;
 // Shadow rays to bright patches: so many rays over the hemisphere for one, and the fewest.
-constexpr std::uint32_t kRaysOfLook = 2, kLeastLooks = 4;
+constexpr std::uint32_t kRaysOfLook = 4, kLeastLooks = 4;
 // Share of a near hit's light, below which it goes on by chance.
 constexpr float kLeastShare = 0.05F;
 
@@ -141,13 +141,10 @@ void RecordTracer::trace(const Receiver& receiver, std::uint32_t rays, const Ver
     }
     if (light.bright.size() > 0) {
         PhotonRandom random(~key, rays);
-        light.bright.look(from, receiver.normal, looks(rays) - record.bright_hits.size(), random,
+        const std::size_t looks = std::max<std::size_t>(kLeastLooks, rays / kRaysOfLook);
+        light.bright.look(from, receiver.normal, looks - record.bright_hits.size(), random,
                           record.bright_hits);
     }
-}
-
-std::uint32_t RecordTracer::looks(std::uint32_t rays) {
-    return std::max(kLeastLooks, rays / kRaysOfLook);
 }
 
 // From a near point on, until a hit is far away from where its ray began.

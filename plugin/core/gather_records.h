@@ -64,9 +64,6 @@ class RecordTracer {
     void trace(const Receiver& receiver, std::uint32_t rays, const VertexLight& light,
                GatherRecord& record) const;
 
-    // Shadow rays to bright patches beside so many rays.
-    static std::uint32_t looks(std::uint32_t rays);
-
   private:
     struct Point;
     Point hit_point(const Ray& ray, PhotonRandom& random) const;

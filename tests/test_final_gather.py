@@ -54,7 +54,8 @@ def test_the_budget_is_spent_and_kept(traced):
     gather = _core.FinalGather(traced.scene, 3)
     for budget in (6_400, 12_800, 200_000):
         rays = gather.advance(cache_of(traced), budget, 2)["rays"]
-        assert budget <= rays < 1.1 * budget
+        # What is left over when a sixteenth is left starts no round of its own.
+        assert budget * 15 / 16 <= rays < 1.1 * budget
 
 
 def test_rays_are_kept_for_the_next_light(traced):

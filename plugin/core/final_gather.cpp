@@ -123,18 +123,20 @@ std::vector<Vec3f> FinalGather::joined(std::span<const Vec3f> counted, std::span
 
 // On the way into a gap, or below what stands on a surface, light drops within a share of an
 // element: most of what is seen of it lies before the drop. In the gap rays don't look here.
-Vec3f FinalGather::seen_from_afar(std::int32_t v) const {
-    Vec3f sum;
-    float count = 0.0F;
-    if (tight_[v] != 0) {
+void FinalGather::look_from_afar() {
+    for (const std::int32_t v : lit_) {
+        Vec3f sum;
+        float count = 0.0F;
         for (const std::int32_t beside : regression_.neighbours(v)) {
-            if (tight_[beside] == 0) {
+            if (tight_[v] != 0 && tight_[beside] == 0) {
                 sum += illuminance_[beside];
                 count += 1.0F;
             }
         }
+        if (count > 0.0F) {
+            illuminance_[v] = sum * (1.0F / count);
+        }
     }
-    return count > 0.0F ? sum * (1.0F / count) : illuminance_[v];
 }
 
 void FinalGather::find_exitances(const KnownLight& light) {
@@ -162,8 +164,9 @@ void FinalGather::find_exitances(const KnownLight& light) {
             illuminance[v] += known[v];
         }
     }
+    look_from_afar();
     for (const std::int32_t v : lit_) {
-        const Vec3f m = reflectances_[v] * seen_from_afar(v);
+        const Vec3f m = reflectances_[v] * illuminance[v];
         exitances_.seen[v] = {m.x, m.y, m.z, 0.0F};
     }
     const std::size_t count = bright_.size();

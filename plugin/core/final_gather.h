@@ -50,7 +50,7 @@ class FinalGather {
     void find_visible(const KnownLight& light, int threads);
     void uncover(std::span<Vec3f> illuminance) const;
     void find_exitances(const KnownLight& light);
-    Vec3f seen_from_afar(std::int32_t vertex) const; // lx by channel
+    void look_from_afar();
     void find_rough(const KnownLight& light);
     void find_tight();
     void trace(std::span<const std::int32_t> vertices, std::uint32_t rays, int threads);

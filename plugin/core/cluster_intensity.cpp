@@ -95,8 +95,8 @@ void ClusterIntensity::settle() {
                           static_cast<float>(std::max(0.0, squared * relative - 1.0))};
         }
     }
-    fine_ = {};
-    weights_ = {};
+    fine_ = std::vector<Fine>(); // braces alone would keep the memory
+    weights_ = std::vector<float>();
 }
 
 int ClusterIntensity::bin(const Vec3d& d) {

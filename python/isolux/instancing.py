@@ -22,7 +22,7 @@ from .mesh_copies import Motion
 from .point_instances import PointInstances, read_point_instances
 from .reading_context import Frame, ReadingContext
 from .scene_description import InstancedPrim, MeshDescription, PointCopies
-from .unreadable_prims import TOO_FAR, are_in_reach
+from .unreadable_prims import TOO_FAR, are_in_reach, skipped_where_unreadable
 
 # Nesting multiplies: a few lines of text could ask for more than any memory holds. A mesh takes
 # 1 kB besides its points, so that these take some 0.5 GB and 6 GB.
@@ -187,7 +187,9 @@ class InstanceWalk:
             reason = "its transform is singular or not finite"
             context.note(prim, "PointInstancer", "skipped", reason)
             return
-        found = read_point_instances(prim, context)
+        found = None
+        with skipped_where_unreadable(prim, context):
+            found = read_point_instances(prim, context)
         if found is None:
             return
         for name in ("displayColor", "displayOpacity"):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
+from .attribute_values import number_array
 from .reading_context import ReadingContext, singular
 
 
@@ -32,14 +33,17 @@ class PointInstances:
 
 
 def read_point_instances(prim: Usd.Prim, context: ReadingContext) -> PointInstances | None:
-    """What a point instancer draws; None, with a finding, where its arrays can't be used."""
+    """What a point instancer draws; None, with a finding, where its arrays can't be used.
+
+    Raises ArrayError where an array is none.
+    """
     instancer = UsdGeom.PointInstancer(prim)
     context.note_animation(prim, list(_animated(instancer)))
-    indices = _integers(instancer.GetProtoIndicesAttr(), context)
+    indices = number_array(instancer.GetProtoIndicesAttr(), context.time, np.int64)
     targets = len(instancer.GetPrototypesRel().GetForwardedTargets())
     count = len(indices)
-    positions = _vectors(instancer.GetPositionsAttr(), context)
-    scales = _vectors(instancer.GetScalesAttr(), context)
+    positions = number_array(instancer.GetPositionsAttr(), context.time, np.float64, columns=3)
+    scales = number_array(instancer.GetScalesAttr(), context.time, np.float64, columns=3)
     orientations = _orientations(instancer, context)
     for name, values in (
         ("positions", positions),
@@ -87,24 +91,14 @@ def _animated(instancer: UsdGeom.PointInstancer) -> tuple[Usd.Attribute, ...]:
     )
 
 
-def _integers(attribute: Usd.Attribute, context: ReadingContext) -> NDArray[np.int64]:
-    found = attribute.Get(context.time)
-    return np.asarray([] if found is None else found).astype(np.int64)
-
-
-def _vectors(attribute: Usd.Attribute, context: ReadingContext) -> NDArray[np.float64]:
-    found = attribute.Get(context.time)
-    return np.asarray([] if found is None else found).astype(np.float64).reshape(-1, 3)
-
-
 def _orientations(
     instancer: UsdGeom.PointInstancer, context: ReadingContext
 ) -> NDArray[np.float64]:
     """(n, 4) float64 quaternions, real part last; those of full precision come first."""
     for attribute in (instancer.GetOrientationsfAttr(), instancer.GetOrientationsAttr()):
-        found = attribute.Get(context.time)
-        if found:
-            return np.asarray(found).astype(np.float64).reshape(-1, 4)
+        found = number_array(attribute, context.time, np.float64, columns=4)
+        if len(found):
+            return found
     return np.zeros((0, 4))
 
 
@@ -113,13 +107,13 @@ def _unmasked(
 ) -> NDArray[np.bool_]:
     """(count,) bool: neither in invisibleIds nor in inactiveIds."""
     prim = instancer.GetPrim()
-    hidden = list(instancer.GetInvisibleIdsAttr().Get(context.time) or ())
+    hidden = number_array(instancer.GetInvisibleIdsAttr(), context.time, np.int64).tolist()
     inactive = prim.GetMetadata("inactiveIds")
     if isinstance(inactive, Sdf.Int64ListOp):
         hidden += inactive.GetAppliedItems()
     if not hidden:
         return np.ones(count, bool)
-    ids = _integers(instancer.GetIdsAttr(), context)
+    ids = number_array(instancer.GetIdsAttr(), context.time, np.int64)
     if len(ids) != count:
         if len(ids):
             reason = f"{len(ids)} ids, {count} protoIndices: masked by place in the array instead"

@@ -125,6 +125,7 @@ def convergence(of: Sequence[Spread]) -> Convergence:
 
 def write_table(path: Path, prose: str, rows: Sequence[dict[str, str]]) -> None:
     """As the validation report takes it: prose behind #, then CSV."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:
         file.writelines(f"# {line}\n" for line in prose.splitlines())
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")

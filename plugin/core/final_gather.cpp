@@ -4,7 +4,9 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
+#include "core/joined_illuminance.h"
 #include "core/lookup_error.h"
 #include "core/parallel.h"
 
@@ -24,30 +26,12 @@ constexpr int kReflections = 3;
 constexpr double kSettled = 0.25;
 // Of the rays asked for, too few to look for the vertices that they help most.
 constexpr std::uint64_t kLeftOver = 16;
-// Square deviation of photons from what is known, in their variances, that is put down to chance.
-constexpr double kChance = 2.0;
-// Photons that a side of a mesh is thought to have beside its own, as many as are expected, where
-// its own differ from what is known by no more than chance.
-constexpr double kPhotonsOfSide = 1000.0;
-// Visible share of a bucket, below which its photons say nothing of the light beside.
-constexpr double kLeastVisible = 0.125;
-// Independent points that would tell the visible share as well as those of a sequence.
-constexpr double kVisiblePoints = 256.0;
 // Change of direct light from vertex to vertex, of all light there, above which it isn't taken
 // for linear between them.
 constexpr float kRough = 0.25F;
 // Share of a vertex's rays that meet something nearer than the next vertex, above which it lies in
 // a gap: behind a picture, between books. In the corner of a box it is less.
 constexpr float kTight = 0.7F;
-
-// Vertices of a mesh that face the same way: a floor, a wall, a ceiling.
-std::size_t side(const Receiver& receiver) {
-    const Vec3f& n = receiver.normal;
-    const float x = std::abs(n.x), y = std::abs(n.y), z = std::abs(n.z);
-    const std::size_t axis = x >= y && x >= z ? 0U : (y >= z ? 1U : 2U);
-    const float along = std::array{n.x, n.y, n.z}[axis];
-    return 6 * static_cast<std::size_t>(receiver.mesh) + 2 * axis + (along < 0.0F ? 1U : 0U);
-}
 
 float relative_spread(float low, float high, float all) {
     return all > 0.0F ? (high - low) / all : 0.0F;
@@ -80,93 +64,69 @@ FinalGather::FinalGather(const Scene& scene, std::uint64_t seed)
     });
 }
 
-// Two estimates in one: photons, whose mean over the bucket is right however coarse the mesh is,
-// and what is known at the vertex. Where they differ by no more than photons do by chance the
-// latter counts, else photons as far as they are sure. Each side of a mesh keeps the flux that its
-// photons brought.
-std::vector<Vec3f> FinalGather::joined(std::span<const Vec3f> counted, std::span<const Vec3f> known,
-                                       std::span<const double> variance, double photon_flux) const {
-    const std::vector<double>& areas = scene_.mesh().areas;
-    std::vector<Vec3f> out(known.begin(), known.end());
-    uncover(out);
-    std::vector<std::array<double, 2>> flux(6 * scene_.mesh().meshes.size()); // lm: counted, joined
-    for (const std::int32_t v : lit_) {
-        const double visible = visible_.nearest[v];
-        const Vec3f found = counted[v] * static_cast<float>(visible > 0.0 ? 1.0 / visible : 0.0);
-        const double n = luminance(found.as<double>()), k = luminance(out[v].as<double>());
-        if (visible >= kLeastVisible) {
-            const double photon = photon_flux / (areas[v] * visible); // lx
-            // Of the known light, lest low counts seem surer than high ones; and of one more.
-            const double chance =
-                (k + photon) * photon + k * k * (1.0 - visible) / (visible * kVisiblePoints);
-            const double both = chance + variance[v];
-            const double square = (n - k) * (n - k);
-            const double by_chance = square > kChance * both ? kChance * both / square : 1.0;
-            const double best = both > 0.0 ? variance[v] / both : 1.0; // share of the photons
-            const double share = 1.0 - (1.0 - best) * by_chance;
-            out[v] += (found - out[v]) * static_cast<float>(share);
-        }
-        flux[side(receivers_[v])][0] += areas[v] * luminance(counted[v].as<double>());
-        flux[side(receivers_[v])][1] +=
-            areas[v] * static_cast<double>(visible_.linear[v]) * luminance(out[v].as<double>());
-    }
-    for (const std::int32_t v : lit_) {
-        const auto [all, found] = flux[side(receivers_[v])];
-        const double square = (all - found) * (all - found);
-        const double chance = kChance * (found + photon_flux) * photon_flux;
-        const double by_chance = square > chance ? chance / square : 1.0;
-        const double prior = by_chance * kPhotonsOfSide * photon_flux;
-        out[v] = out[v] * static_cast<float>(found > 0.0 ? (all + prior) / (found + prior) : 1.0);
-    }
-    return out;
-}
-
-// On the way into a gap, or below what stands on a surface, light drops within a share of an
-// element: most of what is seen of it lies before the drop. In the gap rays don't look here.
-void FinalGather::look_from_afar() {
+// Light at the chosen vertices as it is at those beside them that aren't.
+void FinalGather::take_from_beside(std::span<const std::uint8_t> chosen,
+                                   std::span<Vec3f> illuminance) const {
     for (const std::int32_t v : lit_) {
         Vec3f sum;
         float count = 0.0F;
         for (const std::int32_t beside : regression_.neighbours(v)) {
-            if (tight_[v] != 0 && tight_[beside] == 0) {
-                sum += illuminance_[beside];
+            if (chosen[v] != 0 && chosen[beside] == 0) {
+                sum += illuminance[beside];
                 count += 1.0F;
             }
         }
         if (count > 0.0F) {
-            illuminance_[v] = sum * (1.0F / count);
+            illuminance[v] = sum * (1.0F / count);
         }
     }
 }
 
+std::vector<Vec3f> FinalGather::joined(std::span<const Vec3f> counted, std::vector<Vec3f> known,
+                                       std::span<const double> variance, double photon_flux) const {
+    take_from_beside(hidden_, known); // light goes on below what hides a vertex
+    return joined_illuminance(scene_.mesh(), receivers_, lit_, visible_,
+                              {counted, photon_flux, known, variance});
+}
+
+// Of the photons' direct light and the exact one; hangs on what rays hit, not on gathered light.
+void FinalGather::find_direct(const KnownLight& light) {
+    find_hidden(light);
+    if (light.indirect.empty()) {
+        return;
+    }
+    seen_direct_.resize(receivers_.size());
+    for (std::size_t v = 0; v < seen_direct_.size(); ++v) {
+        seen_direct_[v] = light.all[v] - light.indirect[v];
+    }
+    if (!light.direct.empty()) {
+        const std::vector<double> sure(receivers_.size(), 0.0);
+        seen_direct_ = joined(seen_direct_, {light.direct.begin(), light.direct.end()}, sure,
+                              light.photon_flux);
+    }
+}
+
 void FinalGather::find_exitances(const KnownLight& light) {
-    std::vector<Vec3f>& illuminance = illuminance_;
-    illuminance.assign(light.all.begin(), light.all.end());
+    illuminance_.assign(light.all.begin(), light.all.end());
     if (!light.indirect.empty()) {
-        std::vector<Vec3f> counted(illuminance.size()), known(illuminance.size());
-        for (std::size_t v = 0; v < counted.size(); ++v) {
-            counted[v] = light.all[v] - light.indirect[v];
-        }
-        const std::vector<double> sure(counted.size(), 0.0);
-        illuminance =
-            light.direct.empty() ? counted : joined(counted, light.direct, sure, light.photon_flux);
-        if (rays_ == 0) {
-            std::ranges::copy(light.indirect, known.begin());
-        } else {
-            std::vector<double> variance(counted.size());
-            for (std::size_t v = 0; v < counted.size(); ++v) {
+        std::vector<Vec3f> known(light.indirect.begin(), light.indirect.end());
+        if (rays_ > 0) {
+            std::vector<double> variance(known.size());
+            for (std::size_t v = 0; v < known.size(); ++v) {
                 known[v] = smooth_[v].illuminance;
                 variance[v] = smooth_[v].variance;
             }
-            known = joined(light.indirect, known, variance, light.photon_flux);
+            known = joined(light.indirect, std::move(known), variance, light.photon_flux);
         }
-        for (std::size_t v = 0; v < counted.size(); ++v) {
-            illuminance[v] += known[v];
+        for (std::size_t v = 0; v < known.size(); ++v) {
+            illuminance_[v] = seen_direct_[v] + known[v];
         }
     }
-    look_from_afar();
+    // On the way into a gap, or below what stands on a surface, light drops within a share of an
+    // element: most of what is seen of it lies before the drop. In the gap rays don't look here.
+    take_from_beside(tight_, illuminance_);
     for (const std::int32_t v : lit_) {
-        const Vec3f m = reflectances_[v] * illuminance[v];
+        const Vec3f m = reflectances_[v] * illuminance_[v];
         exitances_.seen[v] = {m.x, m.y, m.z, 0.0F};
     }
     const std::size_t count = bright_.size();
@@ -202,23 +162,6 @@ void FinalGather::find_visible(const KnownLight& light, int threads) {
         lit[v] = light.all[v] != Vec3f{} || (!light.direct.empty() && light.direct[v] != Vec3f{});
     }
     visible_ = visible_area(scene_, lit, seed_, threads);
-}
-
-// Light goes on below what hides a vertex as it is beside.
-void FinalGather::uncover(std::span<Vec3f> illuminance) const {
-    for (const std::int32_t v : lit_) {
-        Vec3f sum;
-        float count = 0.0F;
-        for (const std::int32_t beside : regression_.neighbours(v)) {
-            if (hidden_[v] != 0 && hidden_[beside] == 0) {
-                sum += illuminance[beside];
-                count += 1.0F;
-            }
-        }
-        if (count > 0.0F) {
-            illuminance[v] = sum * (1.0F / count);
-        }
-    }
 }
 
 void FinalGather::find_rough(const KnownLight& light) {
@@ -285,7 +228,6 @@ void FinalGather::trace(std::span<const std::int32_t> vertices, std::uint32_t ra
 }
 
 void FinalGather::look_up_all(const KnownLight& light, int threads) {
-    find_hidden(light);
     find_exitances(light);
     parallel_blocks(threads, std::size_t{0}, records_.size(), std::size_t{64},
                     [&](std::size_t begin, std::size_t end) {
@@ -339,12 +281,12 @@ void FinalGather::smooth(int threads) {
     std::vector<std::array<double, 2>> flux(6 * scene_.mesh().meshes.size()); // lm: rays', smooth
     for (const std::int32_t v : lit_) {
         const double area = scene_.mesh().areas[v];
-        auto& [gathered, fitted] = flux[side(receivers_[v])];
+        auto& [gathered, fitted] = flux[mesh_side(receivers_[v])];
         gathered += area * luminance(records_[v].illuminance.as<double>());
         fitted += area * luminance(smooth_[v].illuminance.as<double>());
     }
     for (const std::int32_t v : lit_) {
-        const auto [gathered, fitted] = flux[side(receivers_[v])];
+        const auto [gathered, fitted] = flux[mesh_side(receivers_[v])];
         if (fitted > 0.0) {
             smooth_[v].illuminance = smooth_[v].illuminance * static_cast<float>(gathered / fitted);
         }
@@ -424,6 +366,7 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
             bright_ = BrightPatches(scene_, receivers_, exitances);
         }
         find_visible(light, threads);
+        find_direct(light);
         find_exitances(light);
         std::uint32_t rays = kFirstRays;
         while (rays > kFewestRays && rays * lit_.size() > ray_budget) {
@@ -434,10 +377,12 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
         smooth(threads);
     }
     if (rays_ < end || light.indirect.empty()) {
+        find_direct(light);
         look_up_all(light, threads);
     }
     spend(end, threads);
     if (!light.indirect.empty()) {
+        find_direct(light);
         reflect(light, threads);
     }
     double square = 0.0, area = 0.0;

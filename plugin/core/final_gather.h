@@ -44,13 +44,13 @@ class FinalGather {
 
   private:
     void look_up_all(const KnownLight& light, int threads);
-    std::vector<Vec3f> joined(std::span<const Vec3f> counted, std::span<const Vec3f> known,
+    void take_from_beside(std::span<const std::uint8_t> chosen, std::span<Vec3f> illuminance) const;
+    std::vector<Vec3f> joined(std::span<const Vec3f> counted, std::vector<Vec3f> known,
                               std::span<const double> variance, double photon_flux) const;
     void find_hidden(const KnownLight& light);
     void find_visible(const KnownLight& light, int threads);
-    void uncover(std::span<Vec3f> illuminance) const;
+    void find_direct(const KnownLight& light);
     void find_exitances(const KnownLight& light);
-    void look_from_afar();
     void find_rough(const KnownLight& light);
     void find_tight();
     void trace(std::span<const std::int32_t> vertices, std::uint32_t rays, int threads);
@@ -68,6 +68,7 @@ class FinalGather {
     std::vector<std::int32_t> lit_;   // vertices that have a normal and an area
     std::vector<Vec3f> reflectances_; // one a vertex, mean of the elements around it
     std::vector<GatherRecord> records_;
+    std::vector<Vec3f> seen_direct_;        // lx by channel, the direct part of the next
     std::vector<Vec3f> illuminance_;        // lx by channel, of what reflects
     std::vector<SmoothIlluminance> smooth_; // one a vertex, of the records
     Exitances exitances_;

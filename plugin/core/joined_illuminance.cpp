@@ -1,0 +1,69 @@
+#include "core/joined_illuminance.h"
+
+#include <array>
+#include <cmath>
+
+namespace isolux {
+namespace {
+
+// Square deviation of photons from what is known, in their variances, that is put down to chance.
+constexpr double kChance = 2.0;
+// Photons that a side of a mesh is thought to have beside its own, as many as are expected, where
+// its own differ from what is known by no more than chance.
+constexpr double kPhotonsOfSide = 1000.0;
+// Visible share of a bucket, below which its photons say nothing of the light beside.
+constexpr double kLeastVisible = 0.125;
+// Independent points that would tell the visible share as well as those of a sequence.
+constexpr double kVisiblePoints = 256.0;
+
+} // namespace
+
+std::size_t mesh_side(const Receiver& receiver) {
+    const Vec3f& n = receiver.normal;
+    const float x = std::abs(n.x), y = std::abs(n.y), z = std::abs(n.z);
+    const std::size_t axis = x >= y && x >= z ? 0U : (y >= z ? 1U : 2U);
+    const float along = std::array{n.x, n.y, n.z}[axis];
+    return 6 * static_cast<std::size_t>(receiver.mesh) + 2 * axis + (along < 0.0F ? 1U : 0U);
+}
+
+std::vector<Vec3f> joined_illuminance(const IlluminationMesh& mesh,
+                                      std::span<const Receiver> receivers,
+                                      std::span<const std::int32_t> lit, const VisibleArea& visible,
+                                      const TwoEstimates& light) {
+    const auto& [counted, photon_flux, known, variance] = light;
+    const std::vector<double>& areas = mesh.areas;
+    std::vector<Vec3f> out(known.begin(), known.end());
+    std::vector<std::array<double, 2>> flux(6 * mesh.meshes.size()); // lm: counted, joined
+    for (const std::int32_t v : lit) {
+        const double nearest = visible.nearest[v];
+        const Vec3f found = counted[v] * static_cast<float>(nearest > 0.0 ? 1.0 / nearest : 0.0);
+        const double n = luminance(found.as<double>()), k = luminance(out[v].as<double>());
+        if (nearest >= kLeastVisible) {
+            const double photon = photon_flux / (areas[v] * nearest); // lx
+            // Of the known light, lest low counts seem surer than high ones; and of one more.
+            const double chance =
+                (k + photon) * photon + k * k * (1.0 - nearest) / (nearest * kVisiblePoints);
+            const double both = chance + variance[v];
+            const double square = (n - k) * (n - k);
+            const double by_chance = square > kChance * both ? kChance * both / square : 1.0;
+            const double best = both > 0.0 ? variance[v] / both : 1.0; // share of the photons
+            const double share = 1.0 - (1.0 - best) * by_chance;
+            out[v] += (found - out[v]) * static_cast<float>(share);
+        }
+        auto& [all, joined] = flux[mesh_side(receivers[v])];
+        all += areas[v] * luminance(counted[v].as<double>());
+        joined +=
+            areas[v] * static_cast<double>(visible.linear[v]) * luminance(out[v].as<double>());
+    }
+    for (const std::int32_t v : lit) {
+        const auto [all, joined] = flux[mesh_side(receivers[v])];
+        const double square = (all - joined) * (all - joined);
+        const double chance = kChance * (joined + photon_flux) * photon_flux;
+        const double by_chance = square > chance ? chance / square : 1.0;
+        const double prior = by_chance * kPhotonsOfSide * photon_flux;
+        out[v] = out[v] * static_cast<float>(joined > 0.0 ? (all + prior) / (joined + prior) : 1.0);
+    }
+    return out;
+}
+
+} // namespace isolux

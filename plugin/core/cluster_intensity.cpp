@@ -39,7 +39,7 @@ int fine_index(int x, int y) {
 
 ClusterIntensity::ClusterIntensity(const LuminaireIlluminance& luminaire)
     : fine_(kFineSide * kFineSide), weights_(kSide * kSide) {
-    const double even = kEven * luminaire.luminaire().luminous_flux;
+    const double even = LuminaireIlluminance::kEvenIntensity * luminaire.luminaire().luminous_flux;
     std::ranges::fill(weights_, static_cast<float>(even));
     const auto weight = [this](int i) -> float& {
         return weights_[i / kFineSide / kFinePerBin * kSide + i % kFineSide / kFinePerBin];

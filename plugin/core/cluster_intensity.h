@@ -2,7 +2,6 @@
 // of them, chosen by it, tells of all [Conty Estevez & Kulla 2018].
 #pragma once
 
-#include <numbers>
 #include <vector>
 
 #include "core/luminaire_illuminance.h"
@@ -23,8 +22,6 @@ class ClusterIntensity {
     // Bins of equal sides on the octahedron, of so many directions.
     static constexpr int kSide = 8;
     static constexpr double kBinAngle = 0.22; // rad, half a bin: sqrt(4 pi / 64) / 2
-
-    static constexpr double kEven = 0.1 / (4.0 * std::numbers::pi); // cd/lm
 
     explicit ClusterIntensity(const LuminaireIlluminance& luminaire);
     // Sum of two.

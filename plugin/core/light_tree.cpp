@@ -139,7 +139,8 @@ double LightTree::first_half(const LightCluster& cluster, int bin) const {
     const auto weight = [&](const LightCluster& half) {
         return cluster.follows_cosine
                    ? half.luminous_flux
-                   : half.intensity->at(bin).mean + ClusterIntensity::kEven * half.luminous_flux;
+                   : half.intensity->at(bin).mean +
+                         LuminaireIlluminance::kEvenIntensity * half.luminous_flux;
     };
     const double first = weight(clusters_[cluster.children[0]]);
     return first / (first + weight(clusters_[cluster.children[1]]));

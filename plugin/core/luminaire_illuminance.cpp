@@ -23,8 +23,6 @@ constexpr double kExactOpenings = 50.0;
 
 // From so many openings on any one point tells about as much as all.
 constexpr double kOnePointOpenings = 2.0;
-// Of a luminaire chosen by its intensity, cd/lm, where that is 0 towards its middle alone.
-constexpr double kEvenIntensity = 0.1 / (4.0 * kPi);
 
 // Gauss' three points on [0, 1].
 constexpr double kGaussOffset = 0.3872983346207417;
@@ -348,9 +346,13 @@ LuminaireIlluminance::Sight LuminaireIlluminance::sight(const Receiver& receiver
 }
 
 double LuminaireIlluminance::as_point(const Receiver& receiver) const {
+    return as_point(receiver, intensity(luminaire_.position - receiver.position));
+}
+
+double LuminaireIlluminance::as_point(const Receiver& receiver, double intensity) const {
     const Vec3d to = luminaire_.position - receiver.position;
     const double squared = dot(to, to);
-    return intensity(to) * dot(to, receiver.normal.as<double>()) / (squared * std::sqrt(squared));
+    return intensity * dot(to, receiver.normal.as<double>()) / (squared * std::sqrt(squared));
 }
 
 double LuminaireIlluminance::quadrature(const Receiver& receiver) const {
@@ -433,10 +435,8 @@ double LuminaireIlluminance::about(const Receiver& receiver) const {
     if (!one_point_tells(receiver)) {
         return unoccluded(receiver);
     }
-    const Vec3d to = luminaire_.position - receiver.position;
-    const double squared = dot(to, to);
-    return (intensity(to) + kEvenIntensity * luminaire_.luminous_flux) *
-           dot(to, receiver.normal.as<double>()) / (squared * std::sqrt(squared));
+    return as_point(receiver, intensity(luminaire_.position - receiver.position) +
+                                  kEvenIntensity * luminaire_.luminous_flux);
 }
 
 ShadowSample LuminaireIlluminance::light_sample(const Receiver& receiver, double u,

@@ -2,6 +2,8 @@
 // rays aim at [Volevich 2000, §3.1.1]. The light is that of Luminaire::sample_emission.
 #pragma once
 
+#include <numbers>
+
 #include "core/luminaire.h"
 #include "core/receiver.h"
 #include "core/vec3.h"
@@ -18,6 +20,10 @@ struct ShadowSample {
 
 class LuminaireIlluminance {
   public:
+    // cd/lm, a tenth of an even luminaire's: what one chosen by its intensity counts beside it, so
+    // that none is left out where that is 0 in the direction looked at alone.
+    static constexpr double kEvenIntensity = 0.1 / (4.0 * std::numbers::pi);
+
     explicit LuminaireIlluminance(const Luminaire& luminaire);
 
     const Luminaire& luminaire() const { return luminaire_; }
@@ -62,6 +68,7 @@ class LuminaireIlluminance {
     bool is_far(const Vec3d& to, const Vec3d& normal, double openings) const;
     double constant_luminance(const Vec3d& to, const Vec3d& normal) const;
     double as_point(const Receiver& receiver) const;
+    double as_point(const Receiver& receiver, double intensity) const; // of so many cd
     double quadrature(const Receiver& receiver) const;
     double by_points(const Receiver& receiver, int parts) const;
     double from_infinity(const Vec3d& normal) const;

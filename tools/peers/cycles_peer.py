@@ -16,12 +16,18 @@ from typing import Any
 import bpy
 import numpy as np
 
-from .peer_scene import C_COUNT, GAMMA_COUNT, Array, LackingError, PeerLuminaire, PeerScene
+from .peer_scene import (
+    C_COUNT,
+    GAMMA_COUNT,
+    TEXEL_TRIANGLE,
+    Array,
+    LackingError,
+    PeerLuminaire,
+    PeerScene,
+)
 
 BOUNCES = 1024
 TRIANGLE = 2e-4  # size of a vertex's triangle, of the scene's size
-# A texel's triangle around its centre, texels.
-TEXEL = np.array([[-0.45, -0.4], [0.45, -0.4], [0.0, 0.45]])
 
 
 class CyclesPeer:
@@ -65,15 +71,9 @@ class CyclesPeer:
         """The vertices' triangles, and the image that they are baked to."""
         side = int(np.ceil(np.sqrt(self._count)))
         image = bpy.data.images.new("illuminance", side, side, float_buffer=True, is_data=True)
-        n = scene.normals
-        across = np.cross(n, np.where(np.abs(n[:, :1]) < 0.5, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
-        across /= np.linalg.norm(across, axis=1, keepdims=True)
-        frame = np.stack([across, np.cross(n, across)], axis=1)  # (N, 2, 3)
-        size = TRIANGLE * float(np.ptp(scene.corners.reshape(-1, 3), axis=0).max())
-        corners = scene.positions[:, None] + size * np.einsum("ki,nij->nkj", TEXEL, frame)
-        mesh = _triangles("receivers", corners)
+        mesh = _triangles("receivers", scene.receiver_triangles(TRIANGLE))
         number = np.arange(self._count)
-        texels = np.stack([number % side, number // side], axis=1)[:, None] + 0.5 + TEXEL
+        texels = np.stack([number % side, number // side], axis=1)[:, None] + 0.5 + TEXEL_TRIANGLE
         mesh.uv_layers.new(name="texel").data.foreach_set(
             "uv", (texels / side).astype(np.float32).ravel()
         )

@@ -17,12 +17,10 @@ import numpy as np
 import OpenEXR
 import pyluxcore
 
-from .peer_scene import Array, LackingError, PeerLuminaire, PeerScene
+from .peer_scene import TEXEL_TRIANGLE, Array, LackingError, PeerLuminaire, PeerScene
 
 BOUNCES = 1000
 TRIANGLE = 2e-5  # size of a vertex's triangle, of the scene's size
-# A texel's triangle around its centre, texels.
-TEXEL = np.array([[-0.45, -0.4], [0.45, -0.4], [0.0, 0.45]])
 SEGMENTS = 16  # of a disk's rim
 
 
@@ -101,18 +99,12 @@ class LuxCorePeer:
 
     def _add_receivers(self, scene: PeerScene) -> None:
         """The vertices' triangles, each over a texel of its own."""
-        n = scene.normals
-        across = np.cross(n, np.where(np.abs(n[:, :1]) < 0.5, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
-        across /= np.linalg.norm(across, axis=1, keepdims=True)
-        frame = np.stack([across, np.cross(n, across)], axis=1)  # (N, 2, 3)
-        size = TRIANGLE * float(np.ptp(scene.corners.reshape(-1, 3), axis=0).max())
-        corners = scene.positions[:, None] + size * np.einsum("ki,nij->nkj", TEXEL, frame)
         number = np.arange(self._count)
         texels = np.stack([number % self._count_across, number // self._count_across], axis=1)
         # Pixels begin half a texel late, so the last ones would come round to the first.
-        uvs = (texels[:, None] + 1.0 + TEXEL) / self._side
+        uvs = (texels[:, None] + 1.0 + TEXEL_TRIANGLE) / self._side
         uvs[..., 1] = 1.0 - uvs[..., 1]
-        self._add("receivers", corners, "black", uvs=uvs.reshape(-1, 2))
+        self._add("receivers", scene.receiver_triangles(TRIANGLE), "black", uvs=uvs.reshape(-1, 2))
 
     def _add_luminaire(self, name: str, luminaire: PeerLuminaire) -> None:
         if luminaire.candela is not None or luminaire.shape not in ("rect", "disk"):

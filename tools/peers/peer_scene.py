@@ -15,6 +15,10 @@ Array = NDArray[np.float64]
 GAMMA_COUNT, C_COUNT = 181, 145  # 1° from nadir to zenith, 2.5° around
 
 
+# Of peers that bake: a triangle around the centre of a texel, texels.
+TEXEL_TRIANGLE = np.array([[-0.45, -0.4], [0.45, -0.4], [0.0, 0.45]])
+
+
 class LackingError(Exception):
     """A peer, or its adapter, lacks what the scene needs."""
 
@@ -76,6 +80,18 @@ class PeerScene:
     luminaires: Sequence[PeerLuminaire]
     positions: Array
     normals: Array
+
+    def receiver_triangles(self, size: float) -> Array:
+        """(N, 3, 3) m: around each point, in its plane, a triangle like TEXEL_TRIANGLE.
+
+        size : of a texel, of the scene's largest extent
+        """
+        n = self.normals
+        across = np.cross(n, np.where(np.abs(n[:, :1]) < 0.5, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        frame = np.stack([across, np.cross(n, across)], axis=1)  # (N, 2, 3)
+        size *= float(np.ptp(self.corners.reshape(-1, 3), axis=0).max())
+        return self.positions[:, None] + size * np.einsum("ki,nij->nkj", TEXEL_TRIANGLE, frame)
 
     def save(self, path: Path) -> None:
         arrays = {

@@ -1,11 +1,12 @@
 """Whole stages: what is read, what is left out by name, what can't be opened at all."""
 
 import gc
+import time
 
 import pytest
 from pxr import Sdf, Usd
 
-from isolux import IsoluxError, SceneError
+from isolux import IsoluxError, SceneError, stage_reader
 from isolux.stage_reader import read_stage
 from usda_stage import found, open_usda, read_usda
 
@@ -188,6 +189,24 @@ def test_the_source_hash_follows_contents_and_nothing_else(tmp_path):
     assert a == b != c
     in_memory = [read_usda(mesh("A")).source_hash for _ in range(2)]
     assert in_memory[0] == in_memory[1]
+
+
+def test_layers_of_a_stage_that_cannot_be_read_outlive_their_hashing(tmp_path, monkeypatch):
+    """Found by fuzzing: a crash, as they went while another thread still looked at them."""
+    alive = []
+
+    def slow_digest(layer: Sdf.Layer) -> bytes:
+        time.sleep(0.3)
+        alive.append(not layer.expired)
+        return b""
+
+    monkeypatch.setattr(stage_reader, "_layer_digest", slow_digest)
+    too_white = "color3f[] primvars:displayColor = [(1.2, 1.2, 1.2)]"
+    stage = tmp_path / "stage.usda"
+    stage.write_text(f"#usda 1.0\n{mesh('A', too_white)}", encoding="utf-8")
+    with pytest.raises(SceneError, match=r"1\.2"):
+        read_stage(stage)
+    assert alive and all(alive)
 
 
 def test_the_source_hash_sees_unsaved_edits(tmp_path):

@@ -8,8 +8,9 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -91,12 +92,12 @@ def read_source(
         if start is not None and time_code is None:
             reason = f"startTimeCode = {start:g}: read at the earliest time"
             context.note(Sdf.Path.absoluteRootPath, "startTimeCode", "repaired", reason)
-        hashing = _hash_beside(opened.GetUsedLayers())
-        _note_composition_errors(opened, context)
-        _note_parts_left_out(opened, context)
-        up_axis = _up_axis(opened, context)
-        meshes, luminaires, instanced = _read_prims(opened, context)
-        _note_diagnostics(diagnostics, context)
+        with _hashed_beside(opened.GetUsedLayers()) as source_hash:
+            _note_composition_errors(opened, context)
+            _note_parts_left_out(opened, context)
+            up_axis = _up_axis(opened, context)
+            meshes, luminaires, instanced = _read_prims(opened, context)
+            _note_diagnostics(diagnostics, context)
         scene = SceneDescription(
             meshes=tuple(meshes),
             luminaires=tuple(luminaires),
@@ -104,7 +105,7 @@ def read_source(
             meters_per_unit=context.meters_per_unit,
             up_axis=up_axis,
             time_code=time_code,
-            source_hash=hashing.result(),
+            source_hash=source_hash.result(),
             read_seconds=time.perf_counter() - started,
             prim_counts=context.prim_counts(),
             instanced=tuple(instanced),
@@ -237,12 +238,14 @@ def _note_diagnostics(
             context.note(Sdf.Path.absoluteRootPath, "USD", "noted", message)
 
 
-def _hash_beside(layers: Iterable[Sdf.Layer]) -> Future[str]:
-    """sha256 over what layers hold, whatever their order and place; found while others read."""
-    thread = ThreadPoolExecutor(1)
-    found = thread.submit(_source_hash, layers)
-    thread.shutdown(wait=False)
-    return found
+@contextmanager
+def _hashed_beside(layers: Iterable[Sdf.Layer]) -> Iterator[Future[str]]:
+    """sha256 over what layers hold, whatever their order and place; found while others read.
+
+    Waits for it, even where reading fails: then the layers go at once, in the midst of hashing.
+    """
+    with ThreadPoolExecutor(1) as thread:
+        yield thread.submit(_source_hash, layers)
 
 
 def _source_hash(layers: Iterable[Sdf.Layer]) -> str:

@@ -8,7 +8,7 @@ import pytest
 from peers.agreement import agreement
 from peers.export import export_scene, lit_vertices, refuse_what_peers_lack
 from peers.peer_scene import PeerScene
-from peers.time_to_error import Place, Reached, time_to
+from peers.time_to_error import Place, Reached, median_time, time_to
 from reference import PathTracedReference
 from usd_scenes.shapes import box
 from usd_scenes.stage_writing import PHOTOMETRY
@@ -105,3 +105,12 @@ def test_times_are_interpolated_and_extrapolated_only_where_noise_alone_is_left(
     assert time_to(0.02, runs, "cycles") == Reached(pytest.approx(64.0), extrapolated=True)
     assert time_to(0.02, runs, "radiance-cached") is None
     assert time_to(0.5, runs, "isolux") == Reached(1.0)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "median"),
+    [((3.0, 1.0, 2.0), 2.0), ((3.0, None, 2.0), 3.0), ((None, None, 2.0), None), ((), None)],
+)
+def test_a_seed_that_never_gets_there_takes_the_longest(seconds, median) -> None:
+    found = median_time([t and Reached(t) for t in seconds])
+    assert found == (median and Reached(median))

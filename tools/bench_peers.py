@@ -1,13 +1,14 @@
 """Error against time: our solver beside other programs, on the same stages, in one run.
 
-    python tools/bench_peers.py STAGE... [--peers P,P] [--threads N] [--seconds S] [--cpu-time]
-        [--csv FILE] [--figure FILE] [--cache FOLDER]
+    python tools/bench_peers.py STAGE... [--peers P,P] [--threads N] [--seconds S] [--seeds N]
+        [--cpu-time] [--csv FILE] [--figure FILE] [--cache FOLDER]
     python tools/bench_peers.py STAGE... --agreement FILE [--peers P,P] [--cache FOLDER]
     python tools/bench_peers.py --from CSV [--figure FILE]
 
 Compared is the total illuminance at all illumination vertices: relative RMS error of luminance,
 weighted by area, against a path-traced reference at 1000 of them. Each peer runs at rising
-qualities, about four times the work each, while the next is expected to fit S seconds of solving.
+qualities, about four times the work each, while the next is expected to fit S seconds of solving;
+one whose lowest takes four times as long is left out. Ours runs once for each of N seeds.
 With --agreement the peers are asked at the reference's vertices alone, twice, at qualities where
 their noise is low: two must agree with the reference, or an adapter is wrong.
 """
@@ -32,7 +33,7 @@ from peers.export import export_scene, lit_vertices, refuse_what_peers_lack
 from peers.figure import plot_errors
 from peers.peer_process import NAMES, QUALITIES, PeerProcess, Seconds
 from peers.peer_scene import LackingError, PeerScene
-from peers.time_to_error import Place, time_to
+from peers.time_to_error import Place, Reached, median_time, time_to
 from reference import TOTAL, PathTracedReference, path_traced_reference
 
 from isolux import _core
@@ -42,8 +43,9 @@ from isolux.settings import SolverSettings
 from isolux.stage_reader import read_stage
 
 OURS = "isolux"
-GOALS = (0.05, 0.02)
-ENOUGH = 0.015  # below the last goal; no higher quality is tried
+GOALS = (0.05, 0.02, 0.01)
+ENOUGH = 0.0075  # below the last goal; no higher quality is tried
+LONGEST_FIRST_RUN = 4.0  # times the seconds that a run may take
 # Samples of each of two runs for the agreement, at 1000 points: minutes of one core a scene.
 AGREEMENT_QUALITIES = {
     "mitsuba": 4096,
@@ -150,7 +152,6 @@ def measure_peer(
     python: str,
     threads: int,
     seconds: float,
-    seed: int,
     cpu_time: bool,
 ) -> list[Point]:
     """At rising qualities, until the error is small enough or the next would take too long."""
@@ -165,7 +166,8 @@ def measure_peer(
                 expected = points[-1].solve_seconds * ratio
                 if expected > seconds or points[-1].rms_error < ENOUGH:
                     break
-            values, spent = process.illuminance(quality, seed + number)
+            longest = LONGEST_FIRST_RUN * seconds
+            values, spent = process.illuminance(quality, number, longest)
             full = np.zeros((subject.core.vertex_count, 3))
             full[subject.reference.vertices] = values[places]
             error = subject.reference.error(full, np.zeros_like(full), TOTAL)
@@ -176,7 +178,7 @@ def measure_peer(
                     vertices=subject.core.vertex_count,
                     program=peer,
                     settings=str(quality),
-                    seed=seed + number,
+                    seed=number,
                     start_seconds=of(process.start),
                     build_seconds=of(process.build),
                     solve_seconds=of(spent),
@@ -235,49 +237,55 @@ def write_agreement(
                 table.writerows(rows.values())
 
 
-def places(points: Sequence[Point], scene: str, program: str) -> list[Place]:
-    """Seconds of building and solving, and errors; of ours, the least until then."""
-    of = [point for point in points if (point.scene, point.program) == (scene, program)]
-    return [
-        Place(point.build_seconds + point.solve_seconds, point.rms_error)
-        for point in of
-        if point.rms_error > 0
-    ]
+def runs(points: Sequence[Point], scene: str, program: str) -> list[list[Place]]:
+    """Seconds of building and solving, and errors: of ours by seed, of a peer by its quality."""
+    by_seed: dict[int, list[Place]] = {}
+    for point in points:
+        if (point.scene, point.program) == (scene, program) and point.rms_error > 0:
+            place = Place(point.build_seconds + point.solve_seconds, point.rms_error)
+            by_seed.setdefault(point.seed if program == OURS else 0, []).append(place)
+    return list(by_seed.values())
 
 
 def print_times(points: Sequence[Point]) -> None:
-    """Times to the goals, and how many times sooner ours are there than the fastest peer."""
+    """Times to the goals, and how many times sooner ours are there than the fastest peer.
+
+    Ours is the median of the seeds.
+    """
     rows = []
     for scene in dict.fromkeys(point.scene for point in points):
         programs = dict.fromkeys(point.program for point in points if point.scene == scene)
         for goal in GOALS:
-            times = {
-                program: time_to(goal, places(points, scene, program), program)
+            reached_by: dict[str, list[Reached | None]] = {
+                program: [time_to(goal, run, program) for run in runs(points, scene, program)]
                 for program in programs
             }
-            ours = times.pop(OURS, None)
+            by_seed = reached_by.pop(OURS, [])
+            ours = median_time(by_seed)
+            times = {program: median_time(of) for program, of in reached_by.items()}
             known = [reached for reached in times.values() if reached is not None]
             ratio = "–"
             if ours is not None and known:
                 fastest = min(known, key=lambda reached: reached.seconds)
                 mark = "~" if fastest.extrapolated or ours.extrapolated else ""
                 ratio = f"{mark}{fastest.seconds / ours.seconds:.0f}"
-            cells = [str(times[p]) if times.get(p) else "–" for p in NAMES]
-            rows.append([scene, f"{goal:.0%}", str(ours) if ours else "–", *cells, ratio])
-    columns = ["scene", "to", "isolux, s", *NAMES.values(), "fastest peer / isolux"]
+            cells = [str(times.get(p) or "–") for p in NAMES]
+            spread = ", ".join(str(reached or "–") for reached in by_seed)
+            rows.append([scene, f"{goal:.0%}", str(ours or "–"), spread, *cells, ratio])
+    columns = ["scene", "to", "isolux, s", "by seed", *NAMES.values(), "fastest peer / isolux"]
     print_table("Seconds of building and solving to an RMS error", columns, rows)
     print("\n~: past the longest run, by error ∝ seconds^-1/2; –: not reached, or not run")
 
 
 def plot_points(path: Path, points: Sequence[Point], provenance: dict[str, object]) -> None:
     scenes = dict.fromkeys(point.scene for point in points)
-    curves: dict[str, dict[str, Sequence[Place]]] = {}
+    curves: dict[str, dict[str, Sequence[Sequence[Place]]]] = {}
     titles = {}
     for scene in scenes:
         of = [point for point in points if point.scene == scene]
         titles[scene] = f"{scene}, {of[0].triangles:,} triangles"
         programs = dict.fromkeys(point.program for point in of)
-        curves[scene] = {program: places(points, scene, program) for program in programs}
+        curves[scene] = {program: runs(points, scene, program) for program in programs}
     subtitle = "{machine}, {threads} threads, {clock} seconds, commit {commit}".format(**provenance)
     plot_errors(path, curves, {OURS: "Isolux", **NAMES}, titles, subtitle)
 
@@ -299,7 +307,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=30.0, help="of solving, each run at most")
     parser.add_argument("--time-budget", type=float, default=20.0, help="s, of our run")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seeds", type=int, default=3, help="of our runs")
     parser.add_argument("--cpu-time", action="store_true", help="count the processor's seconds")
     folder = Path(__file__).parents[1] / "build/bench"
     parser.add_argument("--csv", type=Path, default=folder / "peers.csv")
@@ -320,8 +328,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         subjects = [read_subject(path, options.cache) for path in options.stages]
         write_agreement(options.agreement, subjects, peers, options.peers_python)
         return
-    settings = SolverSettings(threads=options.threads, seed=options.seed)
-    settings = settings.with_budget(time_budget=options.time_budget)
+    settings = SolverSettings(threads=options.threads).with_budget(time_budget=options.time_budget)
     points = []
     provenance: dict[str, object] = {
         "commit": commit(),
@@ -331,13 +338,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     }
     for path in options.stages:
         subject = read_subject(path, options.cache)
-        points += measure_ours(subject, settings, options.cpu_time)
-        print(f"  {OURS}: {points[-1].solve_seconds:.1f} s, {points[-1].rms_error:.2%}", flush=True)
+        for seed in range(options.seeds):
+            points += measure_ours(subject, replace(settings, seed=seed), options.cpu_time)
+            last = points[-1]
+            print(f"  {OURS}: {last.solve_seconds:.1f} s, {last.rms_error:.2%}", flush=True)
         for peer in peers:
             try:
                 points += measure_peer(
                     subject, peer, options.peers_python, options.threads, options.seconds,
-                    options.seed, options.cpu_time,
+                    options.cpu_time,
                 )  # fmt: skip
             except LackingError as lacking:
                 print(f"  {peer}: left out: {lacking}", flush=True)

@@ -26,14 +26,14 @@ COLOURS = {
 
 def plot_errors(
     path: Path,
-    curves: dict[str, dict[str, Sequence[Place]]],
+    curves: dict[str, dict[str, Sequence[Sequence[Place]]]],
     names: dict[str, str],
     titles: dict[str, str],
     subtitle: str,
 ) -> None:
     """A panel a scene, both axes logarithmic; errors in per cent.
 
-    curves : of each scene and program, the runs in the order of their seconds
+    curves : of each scene and program a line a seed, its places in the order of their seconds
     """
     count = len(curves)
     columns = min(count, 3)
@@ -45,15 +45,17 @@ def plot_errors(
     for panel in panels.flat[count:]:
         panel.axis("off")
     for panel, (scene, programs) in zip(panels.flat, curves.items(), strict=False):
-        for program, places in programs.items():
-            seconds = [place.seconds for place in places]
-            errors = [100 * place.error for place in places]
-            panel.loglog(
-                seconds, errors, ".-", color=COLOURS.get(program, "0.5"), ms=5,
-                lw=2 if program == "isolux" else 1.2, label=names.get(program, program),
-            )  # fmt: skip
-        panel.axhline(5, color="0.75", lw=0.8, zorder=0)
-        panel.axhline(2, color="0.75", lw=0.8, zorder=0)
+        for program, lines in programs.items():
+            for number, places in enumerate(lines):
+                panel.loglog(
+                    [place.seconds for place in places], [100 * place.error for place in places],
+                    ".-", color=COLOURS.get(program, "0.5"), ms=5,
+                    lw=1.6 if program == "isolux" else 1.2,
+                    alpha=1.0 if number == 0 else 0.4,
+                    label=names.get(program, program) if number == 0 else None,
+                )  # fmt: skip
+        for goal in (5, 2, 1):
+            panel.axhline(goal, color="0.75", lw=0.8, zorder=0)
         for axis, subs in ((panel.xaxis, (1,)), (panel.yaxis, (1, 2, 5))):
             axis.set_major_locator(LogLocator(subs=subs))
             axis.set_major_formatter("{x:g}")

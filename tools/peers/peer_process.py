@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import select
 import subprocess
 import tempfile
 from dataclasses import dataclass
@@ -67,11 +68,20 @@ class PeerProcess:
         self.start = Seconds(first["start"], first["start_cpu"])
         self.build = Seconds(first["build"], first["build_cpu"])
 
-    def illuminance(self, quality: int, seed: int) -> tuple[Array, Seconds]:
-        """(N, 3) lx by channel at the scene's points, and how long it took."""
+    def illuminance(
+        self, quality: int, seed: int, longest: float | None = None
+    ) -> tuple[Array, Seconds]:
+        """(N, 3) lx by channel at the scene's points, and how long it took.
+
+        longest : s to wait
+        raises : LackingError where it takes longer; the peer is ended
+        """
         assert self._process.stdin is not None
         self._process.stdin.write(f"{quality} {seed}\n")
         self._process.stdin.flush()
+        if not select.select([self._process.stdout], [], [], longest)[0]:
+            self._process.kill()
+            raise LackingError(f"quality {quality} takes over {longest:.0f} s")
         answer = self._answer()
         file = Path(self._folder.name) / f"{quality}_{seed}.npy"
         values = np.load(file)

@@ -49,3 +49,10 @@ def time_to(goal: float, places: Sequence[Place], program: str) -> Reached | Non
         return None
     last = places[-1]
     return Reached(last.seconds * (last.error / goal) ** 2, extrapolated=True)
+
+
+def median_time(times: Sequence[Reached | None]) -> Reached | None:
+    """Of several seeds; None where half of them don't get there."""
+    known = sorted((t for t in times if t is not None), key=lambda reached: reached.seconds)
+    middle = len(times) // 2
+    return known[middle] if middle < len(known) else None

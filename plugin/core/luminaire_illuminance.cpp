@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/luminaire_shape.h"
 #include "core/luminous_outline.h"
 #include "core/sampling.h"
 
@@ -49,61 +50,6 @@ double tangent_squared(double squared_distance, double radius) {
     const double beyond = squared_distance - squared_radius;
     return beyond > -2.0 * kTouching * squared_radius ? std::max(beyond, kOutside * squared_radius)
                                                       : beyond;
-}
-
-template <typename... F> struct Overloaded : F... {
-    using F::operator()...;
-};
-template <typename... F> Overloaded(F...) -> Overloaded<F...>;
-
-double bounding_radius(const LuminaireShape& shape) {
-    return std::visit(
-        Overloaded{
-            [](const SphereLuminaire& s) { return s.radius; },
-            [](const DiskLuminaire& s) { return s.radius; },
-            [](const RectLuminaire& s) { return 0.5 * std::hypot(s.width, s.height); },
-            [](const CylinderLuminaire& s) { return std::hypot(s.radius, 0.5 * s.length); },
-            [](const TriangleLuminaire& s) {
-                return std::max({length(s.a), length(s.b), length(s.c)});
-            },
-            [](const auto&) { return 0.0; },
-        },
-        shape);
-}
-
-double luminous_area(const LuminaireShape& shape) {
-    return std::visit(
-        Overloaded{
-            [](const SphereLuminaire& s) { return 4.0 * kPi * s.radius * s.radius; },
-            [](const DiskLuminaire& s) { return kPi * s.radius * s.radius; },
-            [](const RectLuminaire& s) { return s.width * s.height; },
-            [](const CylinderLuminaire& s) { return 2.0 * kPi * s.radius * s.length; },
-            [](const TriangleLuminaire& s) { return 0.5 * length(cross(s.b - s.a, s.c - s.a)); },
-            [](const auto&) { return 0.0; },
-        },
-        shape);
-}
-
-bool is_flat(const LuminaireShape& shape) {
-    return std::holds_alternative<DiskLuminaire>(shape) ||
-           std::holds_alternative<RectLuminaire>(shape) ||
-           std::holds_alternative<TriangleLuminaire>(shape);
-}
-
-// Intensity of a surface of constant luminance in a local direction, for a flux of 1 lm.
-double profile(const LuminaireShape& shape, const Vec3d& direction) {
-    const auto flat = [&] { return std::max(0.0, -direction.z) / kPi; };
-    return std::visit(Overloaded{
-                          [&](const SphereLuminaire&) { return 0.25 / kPi; },
-                          [&](const DiskLuminaire&) { return flat(); },
-                          [&](const RectLuminaire&) { return flat(); },
-                          [&](const CylinderLuminaire&) {
-                              return std::hypot(direction.y, direction.z) / (kPi * kPi);
-                          },
-                          [&](const TriangleLuminaire&) { return flat(); },
-                          [](const auto&) { return 0.0; },
-                      },
-                      shape);
 }
 
 // What a receiver at `from`, local, sees of a cylinder: angles within half_arc of `near`, about X.

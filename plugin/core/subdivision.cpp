@@ -1,7 +1,6 @@
 #include "core/subdivision.h"
 
 #include <algorithm>
-#include <limits>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -79,77 +78,8 @@ struct Place {
     void AddWithWeight(const Place& other, double weight) { at += other.at * weight; }
 };
 
-// A value as the sum of weighted values of the cage.
-class Stencil {
-  public:
-    Stencil() = default;
-    explicit Stencil(std::int32_t column) : terms_{{column, 1.0}} {}
-
-    bool empty() const { return terms_.empty(); }
-    void Clear() { terms_.clear(); }
-    void AddWithWeight(const Stencil& other, double weight) {
-        if (weight != 0.0) {
-            for (const Term& term : other.terms_) {
-                terms_.push_back({term.column, term.weight * weight});
-            }
-        }
-    }
-
-    // One term a column, in rising order.
-    void gather() {
-        std::ranges::stable_sort(terms_, {}, &Term::column);
-        std::size_t kept = 0;
-        for (std::size_t i = 0; i < terms_.size(); ++i) {
-            if (kept > 0 && terms_[kept - 1].column == terms_[i].column) {
-                terms_[kept - 1].weight += terms_[i].weight;
-            } else {
-                terms_[kept++] = terms_[i];
-            }
-        }
-        terms_.resize(kept);
-        terms_.shrink_to_fit();
-    }
-
-    void append_to(SparseRows& rows) const {
-        for (const Term& term : terms_) {
-            rows.columns.push_back(term.column);
-            rows.weights.push_back(term.weight);
-        }
-        if (rows.columns.size() > std::numeric_limits<std::int32_t>::max()) {
-            throw std::length_error("more stencil weights than an int32 counts");
-        }
-        rows.begin.push_back(static_cast<std::int32_t>(rows.columns.size()));
-    }
-
-  private:
-    struct Term {
-        std::int32_t column;
-        double weight;
-    };
-    std::vector<Term> terms_;
-};
-
-std::vector<Stencil> unit_stencils(std::int32_t count) {
-    std::vector<Stencil> units;
-    units.reserve(count);
-    for (std::int32_t i = 0; i < count; ++i) {
-        units.emplace_back(i);
-    }
-    return units;
-}
-
-SparseRows sparse_rows(const std::vector<Stencil>& stencils) {
-    SparseRows rows;
-    rows.begin.reserve(stencils.size() + 1);
-    rows.begin.push_back(0);
-    for (const Stencil& stencil : stencils) {
-        stencil.append_to(rows);
-    }
-    return rows;
-}
-
-std::vector<Stencil> gathered(std::vector<Stencil> stencils) {
-    for (Stencil& stencil : stencils) {
+std::vector<CageStencil> gathered(std::vector<CageStencil> stencils) {
+    for (CageStencil& stencil : stencils) {
         stencil.gather();
     }
     return stencils;
@@ -501,7 +431,7 @@ SparseRows SubdividedSurface::varying_stencils() const {
     const PrimvarRefiner primvars(*refinement_->refiner);
     auto stencils = unit_stencils(refinement_->level(0).GetNumVertices());
     for (std::int32_t i = 1; i <= refinement_->refiner->GetMaxLevel(); ++i) {
-        std::vector<Stencil> finer(refinement_->level(i).GetNumVertices());
+        std::vector<CageStencil> finer(refinement_->level(i).GetNumVertices());
         primvars.InterpolateVarying(i, stencils, finer);
         stencils = gathered(std::move(finer));
     }
@@ -515,11 +445,11 @@ SparseRows SubdividedSurface::face_varying_stencils() const {
     const PrimvarRefiner primvars(*refinement_->refiner);
     auto stencils = unit_stencils(refinement_->level(0).GetNumFVarValues());
     for (std::int32_t i = 1; i <= refinement_->refiner->GetMaxLevel(); ++i) {
-        std::vector<Stencil> finer(refinement_->level(i).GetNumFVarValues());
+        std::vector<CageStencil> finer(refinement_->level(i).GetNumFVarValues());
         primvars.InterpolateFaceVarying(i, stencils, finer);
         stencils = gathered(std::move(finer));
     }
-    std::vector<Stencil> limits(stencils.size());
+    std::vector<CageStencil> limits(stencils.size());
     primvars.LimitFaceVarying(stencils, limits);
     for (std::size_t i = 0; i < limits.size(); ++i) {
         if (limits[i].empty()) { // OpenSubdiv passes over some values at non-manifold points

@@ -11,6 +11,7 @@
 #include <span>
 #include <vector>
 
+#include "core/cage_stencil.h"
 #include "core/vec3.h"
 
 namespace isolux {
@@ -37,12 +38,6 @@ struct ControlCage {
     std::span<const std::int32_t> sharp_points;               // point indices
     std::span<const float> point_sharpness;                   // one a sharp point
     std::span<const std::int32_t> face_varying_indices;       // one a corner; empty: none
-};
-
-// Rows of a sparse matrix: entries of row i are at [begin[i], begin[i + 1]), columns rising.
-struct SparseRows {
-    std::vector<std::int32_t> begin, columns;
-    std::vector<double> weights;
 };
 
 class SubdividedSurface {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 
 #include "core/parallel.h"
 #include "core/sampling.h"
@@ -51,27 +52,35 @@ struct Normal {
 
 LocalRegression::LocalRegression(const IlluminationMesh& mesh, std::span<const Receiver> receivers)
     : receivers_(receivers), begin_(receivers.size() + 1) {
-    std::vector<std::array<std::int32_t, 2>> edges;
-    edges.reserve(6 * mesh.elements.size());
-    for_each_side(mesh, [&](const MeshElement&, const auto& vertices) {
-        for (std::size_t k = 0; k < 3; ++k) {
-            const std::int32_t a = vertices[k], b = vertices[(k + 1) % 3];
-            edges.push_back({a, b});
-            edges.push_back({b, a});
-        }
-    });
-    std::ranges::sort(edges);
-    const auto last = std::ranges::unique(edges);
-    edges.erase(last.begin(), last.end());
-    for (const auto& [a, b] : edges) {
-        if (a != b && dot(receivers[a].normal, receivers[b].normal) >= kLeastCosine) {
-            ++begin_[a + 1];
-            neighbours_.push_back(b);
-        }
-    }
+    const auto each_edge = [&](const auto& turn) { // in both directions, once a side of an element
+        for_each_side(mesh, [&](const MeshElement&, const auto& vertices) {
+            for (std::size_t k = 0; k < 3; ++k) {
+                const std::int32_t a = vertices[k], b = vertices[(k + 1) % 3];
+                if (a != b && dot(receivers[a].normal, receivers[b].normal) >= kLeastCosine) {
+                    turn(a, b);
+                    turn(b, a);
+                }
+            }
+        });
+    };
+    each_edge([&](std::int32_t a, std::int32_t) { ++begin_[a + 1]; });
+    std::partial_sum(begin_.begin(), begin_.end(), begin_.begin());
+    neighbours_.resize(static_cast<std::size_t>(begin_.back()));
+    std::vector<std::int32_t> end(begin_.begin(), begin_.end() - 1);
+    each_edge([&](std::int32_t a, std::int32_t b) { neighbours_[end[a]++] = b; });
+    // An edge inside of a surface came twice.
+    std::int32_t kept = 0;
     for (std::size_t v = 0; v < receivers.size(); ++v) {
-        begin_[v + 1] += begin_[v];
+        const auto first = neighbours_.begin() + begin_[v], last = neighbours_.begin() + end[v];
+        std::sort(first, last);
+        const auto once = std::unique(first, last);
+        begin_[v] = kept;
+        kept = static_cast<std::int32_t>(std::copy(first, once, neighbours_.begin() + kept) -
+                                         neighbours_.begin());
     }
+    begin_.back() = kept;
+    neighbours_.resize(static_cast<std::size_t>(kept));
+    neighbours_.shrink_to_fit();
 }
 
 std::size_t LocalRegression::around(std::int32_t vertex,

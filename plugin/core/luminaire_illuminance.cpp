@@ -292,13 +292,9 @@ LuminaireIlluminance::Sight LuminaireIlluminance::sight(const Receiver& receiver
 }
 
 double LuminaireIlluminance::as_point(const Receiver& receiver) const {
-    return as_point(receiver, intensity(luminaire_.position - receiver.position));
-}
-
-double LuminaireIlluminance::as_point(const Receiver& receiver, double intensity) const {
     const Vec3d to = luminaire_.position - receiver.position;
     const double squared = dot(to, to);
-    return intensity * dot(to, receiver.normal.as<double>()) / (squared * std::sqrt(squared));
+    return intensity(to) * dot(to, receiver.normal.as<double>()) / (squared * std::sqrt(squared));
 }
 
 double LuminaireIlluminance::quadrature(const Receiver& receiver) const {
@@ -372,25 +368,38 @@ ShadowSample LuminaireIlluminance::shadow_sample(const Receiver& receiver, doubl
     return {receiver.position + s.to, weight, luminaire_.colour};
 }
 
-bool LuminaireIlluminance::one_point_tells(const Receiver& receiver) const {
-    return !is_infinite_ && is_far(luminaire_.position - receiver.position,
-                                   receiver.normal.as<double>(), kOnePointOpenings);
+bool LuminaireIlluminance::one_point_tells(const Vec3d& to) const {
+    const double limit = 2.0 * radius_ * kOnePointOpenings;
+    return !is_infinite_ && dot(to, to) >= limit * limit;
 }
 
 double LuminaireIlluminance::about(const Receiver& receiver) const {
-    if (!one_point_tells(receiver)) {
+    const Vec3d to = luminaire_.position - receiver.position;
+    if (!one_point_tells(to)) {
         return unoccluded(receiver);
     }
-    return as_point(receiver, intensity(luminaire_.position - receiver.position) +
-                                  kEvenIntensity * luminaire_.luminous_flux);
+    const double height = dot(to, receiver.normal.as<double>());
+    if (height <= -radius_ || luminaire_.lies_in(height, receiver.normal)) {
+        return 0.0;
+    }
+    // Of a luminaire that the horizon cuts, the mean over what is above.
+    const double above =
+        height >= radius_ ? height : (height + radius_) * (height + radius_) / (4.0 * radius_);
+    const double squared = dot(to, to);
+    return (intensity(to) + kEvenIntensity * luminaire_.luminous_flux) * above /
+           (squared * std::sqrt(squared));
 }
 
 ShadowSample LuminaireIlluminance::light_sample(const Receiver& receiver, double u,
                                                 double v) const {
-    if (!one_point_tells(receiver)) {
+    const Vec3d to = luminaire_.position - receiver.position;
+    if (!one_point_tells(to)) {
         ShadowSample sample = shadow_sample(receiver, u, v);
         sample.weight = sample.weight > 0.0 ? unoccluded(receiver) : 0.0;
         return sample;
+    }
+    if (luminaire_.lies_in(dot(to, receiver.normal.as<double>()), receiver.normal)) {
+        return {receiver.position + to, 0.0, luminaire_.colour};
     }
     const Sight s = sight(receiver, u, v);
     return {receiver.position + s.to, s.factor > 0.0 ? s.factor * intensity(s.to) : 0.0,

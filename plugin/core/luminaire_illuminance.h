@@ -64,11 +64,10 @@ class LuminaireIlluminance {
     };
     Sight sight(const Receiver& receiver, double u, double v) const;
 
-    bool one_point_tells(const Receiver& receiver) const;
+    bool one_point_tells(const Vec3d& to) const;
     bool is_far(const Vec3d& to, const Vec3d& normal, double openings) const;
     double constant_luminance(const Vec3d& to, const Vec3d& normal) const;
     double as_point(const Receiver& receiver) const;
-    double as_point(const Receiver& receiver, double intensity) const; // of so many cd
     double quadrature(const Receiver& receiver) const;
     double by_points(const Receiver& receiver, int parts) const;
     double from_infinity(const Vec3d& normal) const;

@@ -41,15 +41,15 @@ MUTATIONS = (
     Mutation(
         "a far luminaire without the cosine at the receiver",
         _CORE + "luminaire_illuminance.cpp",
-        "intensity * dot(to, receiver.normal.as<double>()) / (squared * std::sqrt(squared))",
-        "intensity / squared",
+        "intensity(to) * dot(to, receiver.normal.as<double>()) / (squared * std::sqrt(squared))",
+        "intensity(to) / squared",
         "tests/physics/test_cie_171_direct.py",
     ),
     Mutation(
         "1/r in place of 1/r²",
         _CORE + "luminaire_illuminance.cpp",
-        "intensity * dot(to, receiver.normal.as<double>()) / (squared * std::sqrt(squared))",
-        "intensity * dot(to, receiver.normal.as<double>()) / squared",
+        "intensity(to) * dot(to, receiver.normal.as<double>()) / (squared * std::sqrt(squared))",
+        "intensity(to) * dot(to, receiver.normal.as<double>()) / squared",
         "tests/physics/test_cie_171_direct.py",
     ),
     Mutation(

@@ -82,7 +82,9 @@ class PeerScene:
     normals: Array
 
     def receiver_triangles(self, size: float) -> Array:
-        """(N, 3, 3) m: around each point, in its plane, a triangle like TEXEL_TRIANGLE.
+        """(N, 3, 3) m: over each point, across its normal, a triangle like TEXEL_TRIANGLE.
+
+        It is lifted by its size, lest the faces at the point, which may lean, cover a part of it.
 
         size : of a texel, of the scene's largest extent
         """
@@ -91,7 +93,8 @@ class PeerScene:
         across /= np.linalg.norm(across, axis=1, keepdims=True)
         frame = np.stack([across, np.cross(n, across)], axis=1)  # (N, 2, 3)
         size *= float(np.ptp(self.corners.reshape(-1, 3), axis=0).max())
-        return self.positions[:, None] + size * np.einsum("ki,nij->nkj", TEXEL_TRIANGLE, frame)
+        middles = (self.positions + size * n)[:, None]
+        return middles + size * np.einsum("ki,nij->nkj", TEXEL_TRIANGLE, frame)
 
     def save(self, path: Path) -> None:
         arrays = {

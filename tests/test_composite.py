@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from isolux.composite import GATHER_RAYS_PER_PHOTON, steps
+from isolux.composite import GATHER_RAYS_PER_PHOTON, LEAST_GATHER_RAYS, steps
 from isolux.schedule import StageGoal
 from isolux.settings import SolverSettings
 
@@ -108,6 +108,30 @@ def test_the_pilot_takes_its_share_whatever_filtering_takes():
     run = SimulatedRun(settings, first_iteration=3.0, finishing={"DEPT": 0.5})
     photons = [step.photons for step in steps("composite", run) if step.component == "DEPT"]
     assert photons[1] == pytest.approx(0.3 * PHOTONS_A_SECOND, rel=1e-6)
+
+
+def run_whose_photons_are_off_by(error, settings):
+    class Run(SimulatedRun):
+        indirect_error = error
+
+    return Run(settings)
+
+
+@pytest.mark.parametrize(("error", "looks"), [(0.1, False), (0.5, True)])
+def test_the_fewest_rays_are_shown_first_where_photons_are_far_off(error, looks):
+    settings = SolverSettings(target_error=0, photons=64_000_000)
+    run = run_whose_photons_are_off_by(error, settings)
+    every = made("composite", run)
+    first = next(s for s in every if s.component == "gather")
+    assert first.shown
+    assert (first.rays == LEAST_GATHER_RAYS * run.vertices) == looks
+    assert len(shown(every)) <= settings.stages
+
+
+def test_a_first_look_by_few_rays_leaves_the_budget_as_it_is():
+    run = run_whose_photons_are_off_by(0.5, SolverSettings(target_error=0, time_budget=60))
+    made("composite", run)
+    assert run.elapsed == pytest.approx(60, rel=0.1)
 
 
 def test_direct_light_becomes_finer_between_gathers_as_long_as_it_holds_them_back():

@@ -357,6 +357,10 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
     }
     const std::uint64_t rays_before = rays_, end = rays_ + ray_budget;
     find_rough(light);
+    // It takes as long as several rays a vertex, and beside the noise of fewer it doesn't show.
+    if (visible_.nearest.empty() && end >= kFirstRays * lit_.size()) {
+        find_visible(light, threads);
+    }
     if (rays_ == 0) {
         if (!light.direct.empty()) {
             std::vector<float> exitances(receivers_.size()); // by direct light, which is no chance
@@ -365,7 +369,6 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
             }
             bright_ = BrightPatches(scene_, receivers_, exitances);
         }
-        find_visible(light, threads);
         find_direct(light);
         find_exitances(light);
         std::uint32_t rays = kFirstRays;

@@ -35,7 +35,7 @@ std::vector<Vec3f> joined_illuminance(const IlluminationMesh& mesh,
     std::vector<Vec3f> out(known.begin(), known.end());
     std::vector<std::array<double, 2>> flux(6 * mesh.meshes.size()); // lm: counted, joined
     for (const std::int32_t v : lit) {
-        const double nearest = visible.nearest[v];
+        const double nearest = visible.nearest.empty() ? 1.0 : visible.nearest[v];
         const Vec3f found = counted[v] * static_cast<float>(nearest > 0.0 ? 1.0 / nearest : 0.0);
         const double n = luminance(found.as<double>()), k = luminance(out[v].as<double>());
         if (nearest >= kLeastVisible) {
@@ -52,8 +52,8 @@ std::vector<Vec3f> joined_illuminance(const IlluminationMesh& mesh,
         }
         auto& [all, joined] = flux[mesh_side(receivers[v])];
         all += areas[v] * luminance(counted[v].as<double>());
-        joined +=
-            areas[v] * static_cast<double>(visible.linear[v]) * luminance(out[v].as<double>());
+        const double linear = visible.linear.empty() ? 1.0 : visible.linear[v];
+        joined += areas[v] * linear * luminance(out[v].as<double>());
     }
     for (const std::int32_t v : lit) {
         const auto [all, joined] = flux[mesh_side(receivers[v])];

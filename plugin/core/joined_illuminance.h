@@ -26,6 +26,7 @@ struct TwoEstimates {
 std::size_t mesh_side(const Receiver& receiver);
 
 // lit : vertices that light can reach; the others keep what is known
+// visible : empty where it isn't known: all
 std::vector<Vec3f> joined_illuminance(const IlluminationMesh& mesh,
                                       std::span<const Receiver> receivers,
                                       std::span<const std::int32_t> lit, const VisibleArea& visible,

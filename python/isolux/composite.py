@@ -22,6 +22,9 @@ RADIOSITY_POLYGONS = 500
 GATHER_RAYS_PER_PHOTON = 30
 # The fewest that a gather takes, a vertex.
 LEAST_GATHER_RAYS = 4
+# Error of the photons' indirect light from which on the fewest rays are worth a stage of their own:
+# in office, hall and box they leave 22, 9 and 13 % of 51, 23 and 11.
+LOOK_ERROR = 0.25
 # How much longer each finer pass over direct light takes; it may take half of what is left.
 FINER_DIRECT_SECONDS = 2
 # Rays of the first step of radiosity; they double from step to step.
@@ -182,6 +185,10 @@ def _photon_steps(run: Run, component: Component, stages: int) -> Iterator[Stage
 def _gather_steps(run: Run, stages: int) -> Iterator[StagePlan]:
     """Photons, and a gather over their light, until a stopping criterion."""
     gathered, least = 0, LEAST_GATHER_RAYS * run.vertices
+    if stages >= 3 and run.indirect_error > LOOK_ERROR:
+        stages -= 1
+        gathered = least
+        yield StagePlan("gather", run.photons, least)
     for goal in stage_goals(run.settings, stages):
         all_but_reached = goal.photons < 1.25 * run.photons or goal.seconds < 1.25 * run.elapsed
         if all_but_reached and not goal.last:
@@ -198,6 +205,8 @@ def _gather_steps(run: Run, stages: int) -> Iterator[StagePlan]:
             both = left + run.photons * photon + gathered * ray
             photons = min(photons, both // (photon + GATHER_RAYS_PER_PHOTON * ray))
             rays = left / ray
+            if goal.last and gathered > 0 and rays < least:
+                return
         run.trace_until(StageGoal(photons, goal.seconds, goal.last), "gather")
         rays = min(rays, GATHER_RAYS_PER_PHOTON * run.photons - gathered)
         step = StagePlan("gather", run.photons, max(least, math.ceil(rays)))

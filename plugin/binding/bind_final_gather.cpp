@@ -18,8 +18,8 @@ using PerVertex = std::optional<In3<float>>;
 
 nb::dict advance(FinalGather& self, const In3<float>& illuminance, std::uint64_t ray_budget,
                  int threads, const PerVertex& bucket_indirect, double photon_flux,
-                 const PerVertex& direct) {
-    KnownLight light{.all = view(illuminance), .photon_flux = photon_flux};
+                 const PerVertex& direct, const PhotonBuckets* photons) {
+    KnownLight light{.all = view(illuminance), .photon_flux = photon_flux, .photons = photons};
     if (bucket_indirect) {
         light.indirect = view(*bucket_indirect);
     }
@@ -59,12 +59,13 @@ void bind_final_gather(nb::module_& module) {
         .def(
             "advance", &advance, "illuminance"_a, "ray_budget"_a, "threads"_a,
             "bucket_indirect"_a.none() = nb::none(), "photon_flux"_a = 0.0,
-            "direct"_a.none() = nb::none(),
+            "direct"_a.none() = nb::none(), "photons"_a.none() = nb::none(),
             "Traces about ray_budget rays, and looks up the light anew in all.\n\n"
             "illuminance : (V, 3) float32, lx by channel: all light in each vertex's bucket\n"
             "bucket_indirect : (V, 3) float32, lx by channel: the indirect part of it, left by "
             "photons of photon_flux lm each; None: illuminance is exact\n"
             "direct : (V, 3) float32, lx by channel, at receiver_positions; None: not known\n"
+            "photons : PhotonBuckets that bucket_indirect is of; None: their noise isn't told\n"
             "returns : dict of indirect (V, 3) float32, lx by channel, at receiver_positions; "
             "standard_error (V,) float32, lx; indirect_rms, lx, area-weighted; rays, of this call");
 }

@@ -59,23 +59,6 @@ std::vector<double> offset_square(const IlluminationMesh& mesh, std::span<const 
     return out;
 }
 
-// In that third the square of another corner's coordinate has the mean 23/432, the product of both
-// others 14/432.
-std::vector<double> bucket_variance(const IlluminationMesh& mesh, std::span<const double> at) {
-    std::vector<double> out(at.size());
-    for_each_side(mesh, [&](const MeshElement& element, const auto& vertices) {
-        const double third = mesh.area(element) / 3.0;
-        for (const std::size_t k : {0U, 1U, 2U}) {
-            const std::int32_t v = vertices[k];
-            const double b = at[vertices[(k + 1) % 3]] - at[v],
-                         c = at[vertices[(k + 2) % 3]] - at[v];
-            out[v] += third * (23.0 * (b * b + c * c) + 28.0 * b * c) / 432.0;
-        }
-    });
-    divide(out, mesh.areas);
-    return out;
-}
-
 std::vector<double> photometric(std::span<const Vec3f> illuminance) {
     std::vector<double> out(illuminance.size());
     for (std::size_t v = 0; v < out.size(); ++v) {

@@ -17,9 +17,6 @@ std::vector<double> bucket_offset(const IlluminationMesh& mesh, std::span<const 
 // the vertices.
 std::vector<double> offset_square(const IlluminationMesh& mesh, std::span<const double> offsets);
 
-// lx², one a vertex: variance of illuminance within its bucket.
-std::vector<double> bucket_variance(const IlluminationMesh& mesh, std::span<const double> means);
-
 // lx, of colours in lx by channel.
 std::vector<double> photometric(std::span<const Vec3f> illuminance);
 

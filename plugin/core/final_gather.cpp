@@ -9,6 +9,7 @@
 #include "core/joined_illuminance.h"
 #include "core/lookup_error.h"
 #include "core/parallel.h"
+#include "core/photon_noise.h"
 
 namespace isolux {
 namespace {
@@ -82,8 +83,8 @@ void FinalGather::take_from_beside(std::span<const std::uint8_t> chosen,
     }
 }
 
-std::vector<Vec3f> FinalGather::joined(std::span<const Vec3f> counted, std::vector<Vec3f> known,
-                                       std::span<const double> variance, double photon_flux) const {
+JoinedIlluminance FinalGather::joined(std::span<const Vec3f> counted, std::vector<Vec3f> known,
+                                      std::span<const double> variance, double photon_flux) const {
     take_from_beside(hidden_, known); // light goes on below what hides a vertex
     return joined_illuminance(scene_.mesh(), receivers_, lit_, visible_,
                               {counted, photon_flux, known, variance});
@@ -95,14 +96,16 @@ void FinalGather::find_direct(const KnownLight& light) {
     if (light.indirect.empty()) {
         return;
     }
-    seen_direct_.resize(receivers_.size());
-    for (std::size_t v = 0; v < seen_direct_.size(); ++v) {
-        seen_direct_[v] = light.all[v] - light.indirect[v];
+    std::vector<Vec3f> seen(receivers_.size());
+    for (std::size_t v = 0; v < seen.size(); ++v) {
+        seen[v] = light.all[v] - light.indirect[v];
     }
     if (!light.direct.empty()) {
         const std::vector<double> sure(receivers_.size(), 0.0);
-        seen_direct_ = joined(seen_direct_, {light.direct.begin(), light.direct.end()}, sure,
-                              light.photon_flux);
+        seen_direct_ =
+            joined(seen, {light.direct.begin(), light.direct.end()}, sure, light.photon_flux);
+    } else {
+        seen_direct_.illuminance = std::move(seen);
     }
 }
 
@@ -116,10 +119,11 @@ void FinalGather::find_exitances(const KnownLight& light) {
                 known[v] = smooth_[v].illuminance;
                 variance[v] = smooth_[v].variance;
             }
-            known = joined(light.indirect, std::move(known), variance, light.photon_flux);
+            seen_indirect_ = joined(light.indirect, std::move(known), variance, light.photon_flux);
+            known = seen_indirect_.illuminance;
         }
         for (std::size_t v = 0; v < known.size(); ++v) {
-            illuminance_[v] = seen_direct_[v] + known[v];
+            illuminance_[v] = seen_direct_.illuminance[v] + known[v];
         }
     }
     // On the way into a gap, or below what stands on a surface, light drops within a share of an
@@ -389,11 +393,16 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
         reflect(light, threads);
     }
     double square = 0.0, area = 0.0;
-    // Light varies between the vertices; of photons hardly any noise is left in it.
-    const double varies = lookup_error(scene_.mesh(), records_, exitances_.seen, illuminance_);
+    const LookupError bends = lookup_error(scene_.mesh(), records_, exitances_.seen, illuminance_);
+    double by_photons = 0.0;
+    if (light.photons != nullptr && !seen_direct_.variance.empty()) {
+        by_photons =
+            photon_noise(scene_.mesh(), receivers_, records_, exitances_.seen, illuminance_,
+                         {&seen_direct_, &seen_indirect_}, *light.photons, light.photon_flux);
+    }
     for (const std::int32_t v : lit_) {
         const double e = luminance(smooth_[v].illuminance);
-        const double variance = smooth_[v].variance + varies * e * e;
+        const double variance = smooth_[v].variance + bends.at(e) + by_photons * e * e;
         out.indirect[v] = smooth_[v].illuminance;
         out.standard_error[v] = static_cast<float>(std::sqrt(variance));
         square += scene_.mesh().areas[v] * variance;

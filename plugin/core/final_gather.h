@@ -13,7 +13,9 @@
 #include <vector>
 
 #include "core/gather_records.h"
+#include "core/joined_illuminance.h"
 #include "core/local_regression.h"
+#include "core/photon_buckets.h"
 #include "core/visible_area.h"
 
 namespace isolux {
@@ -27,10 +29,11 @@ struct GatheredIllumination {
 
 // What is known of the light before it is gathered; one a vertex, lx by channel.
 struct KnownLight {
-    std::span<const Vec3f> all;      // all light in the vertices' buckets, unfiltered
-    std::span<const Vec3f> indirect; // the indirect part of it; none: `all` is exact
-    std::span<const Vec3f> direct;   // at the receivers, exact; none: not known
-    double photon_flux = 0.0;        // lm a photon
+    std::span<const Vec3f> all;             // all light in the vertices' buckets, unfiltered
+    std::span<const Vec3f> indirect;        // the indirect part of it; none: `all` is exact
+    std::span<const Vec3f> direct;          // at the receivers, exact; none: not known
+    double photon_flux = 0.0;               // lm a photon
+    const PhotonBuckets* photons = nullptr; // that left it; null: their noise isn't told
 };
 
 class FinalGather {
@@ -45,8 +48,8 @@ class FinalGather {
   private:
     void look_up_all(const KnownLight& light, int threads);
     void take_from_beside(std::span<const std::uint8_t> chosen, std::span<Vec3f> illuminance) const;
-    std::vector<Vec3f> joined(std::span<const Vec3f> counted, std::vector<Vec3f> known,
-                              std::span<const double> variance, double photon_flux) const;
+    JoinedIlluminance joined(std::span<const Vec3f> counted, std::vector<Vec3f> known,
+                             std::span<const double> variance, double photon_flux) const;
     void find_hidden(const KnownLight& light);
     void find_visible(const KnownLight& light, int threads);
     void find_direct(const KnownLight& light);
@@ -68,9 +71,9 @@ class FinalGather {
     std::vector<std::int32_t> lit_;   // vertices that have a normal and an area
     std::vector<Vec3f> reflectances_; // one a vertex, mean of the elements around it
     std::vector<GatherRecord> records_;
-    std::vector<Vec3f> seen_direct_;        // lx by channel, the direct part of the next
-    std::vector<Vec3f> illuminance_;        // lx by channel, of what reflects
-    std::vector<SmoothIlluminance> smooth_; // one a vertex, of the records
+    JoinedIlluminance seen_direct_, seen_indirect_; // the parts of the next
+    std::vector<Vec3f> illuminance_;                // lx by channel, of what reflects
+    std::vector<SmoothIlluminance> smooth_;         // one a vertex, of the records
     Exitances exitances_;
     BrightPatches bright_;
     std::vector<std::uint8_t> hidden_; // vertices inside of others' bodies

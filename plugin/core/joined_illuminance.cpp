@@ -1,5 +1,6 @@
 #include "core/joined_illuminance.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -26,14 +27,18 @@ std::size_t mesh_side(const Receiver& receiver) {
     return 6 * static_cast<std::size_t>(receiver.mesh) + 2 * axis + (along < 0.0F ? 1U : 0U);
 }
 
-std::vector<Vec3f> joined_illuminance(const IlluminationMesh& mesh,
-                                      std::span<const Receiver> receivers,
-                                      std::span<const std::int32_t> lit, const VisibleArea& visible,
-                                      const TwoEstimates& light) {
+JoinedIlluminance joined_illuminance(const IlluminationMesh& mesh,
+                                     std::span<const Receiver> receivers,
+                                     std::span<const std::int32_t> lit, const VisibleArea& visible,
+                                     const TwoEstimates& light) {
     const auto& [counted, photon_flux, known, variance] = light;
     const std::vector<double>& areas = mesh.areas;
-    std::vector<Vec3f> out(known.begin(), known.end());
-    std::vector<std::array<double, 2>> flux(6 * mesh.meshes.size()); // lm: counted, joined
+    const std::size_t sides = 6 * mesh.meshes.size();
+    JoinedIlluminance joined_light{
+        {known.begin(), known.end()}, {variance.begin(), variance.end()}, {}};
+    joined_light.side_flux.resize(sides);
+    auto& [out, square_errors, side_flux] = joined_light;
+    std::vector<std::array<double, 2>> flux(sides); // lm: counted, joined
     for (const std::int32_t v : lit) {
         const double nearest = visible.nearest.empty() ? 1.0 : visible.nearest[v];
         const Vec3f found = counted[v] * static_cast<float>(nearest > 0.0 ? 1.0 / nearest : 0.0);
@@ -49,21 +54,32 @@ std::vector<Vec3f> joined_illuminance(const IlluminationMesh& mesh,
             const double best = both > 0.0 ? variance[v] / both : 1.0; // share of the photons
             const double share = 1.0 - (1.0 - best) * by_chance;
             out[v] += (found - out[v]) * static_cast<float>(share);
+            // What photons change by chance: beyond it the share changes with them, but together
+            // they change no more than they do.
+            const double slope = by_chance < 1.0 ? 2.0 - share : share;
+            const double changed = by_chance < 1.0 ? square : chance;
+            square_errors[v] = std::min(slope * slope * chance, share * share * changed) +
+                               (1.0 - share) * (1.0 - share) * variance[v];
         }
         auto& [all, joined] = flux[mesh_side(receivers[v])];
         all += areas[v] * luminance(counted[v].as<double>());
         const double linear = visible.linear.empty() ? 1.0 : visible.linear[v];
         joined += areas[v] * linear * luminance(out[v].as<double>());
     }
-    for (const std::int32_t v : lit) {
-        const auto [all, joined] = flux[mesh_side(receivers[v])];
+    std::vector<float> scale(sides);
+    for (std::size_t side = 0; side < sides; ++side) {
+        const auto [all, joined] = flux[side];
         const double square = (all - joined) * (all - joined);
         const double chance = kChance * (joined + photon_flux) * photon_flux;
         const double by_chance = square > chance ? chance / square : 1.0;
         const double prior = by_chance * kPhotonsOfSide * photon_flux;
-        out[v] = out[v] * static_cast<float>(joined > 0.0 ? (all + prior) / (joined + prior) : 1.0);
+        side_flux[side] = joined + prior;
+        scale[side] = static_cast<float>(joined > 0.0 ? (all + prior) / (joined + prior) : 1.0);
     }
-    return out;
+    for (const std::int32_t v : lit) {
+        out[v] = out[v] * scale[mesh_side(receivers[v])];
+    }
+    return joined_light;
 }
 
 } // namespace isolux

@@ -25,11 +25,18 @@ struct TwoEstimates {
 // Vertices of a mesh that face the same way: a floor, a wall, a ceiling. Six a mesh.
 std::size_t mesh_side(const Receiver& receiver);
 
+struct JoinedIlluminance {
+    std::vector<Vec3f> illuminance; // lx by channel
+    std::vector<double> variance;   // lx², photometric, by chance at one vertex
+    std::vector<double>
+        side_flux; // lm; one photon more on a side of a mesh: 1/lm more of its light
+};
+
 // lit : vertices that light can reach; the others keep what is known
 // visible : empty where it isn't known: all
-std::vector<Vec3f> joined_illuminance(const IlluminationMesh& mesh,
-                                      std::span<const Receiver> receivers,
-                                      std::span<const std::int32_t> lit, const VisibleArea& visible,
-                                      const TwoEstimates& light);
+JoinedIlluminance joined_illuminance(const IlluminationMesh& mesh,
+                                     std::span<const Receiver> receivers,
+                                     std::span<const std::int32_t> lit, const VisibleArea& visible,
+                                     const TwoEstimates& light);
 
 } // namespace isolux

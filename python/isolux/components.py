@@ -315,6 +315,7 @@ class FinalGather:
             np.ascontiguousarray(buckets[:, 1]),
             photons.photon_flux,
             direct,
+            photons.buckets,
         )
         return IndirectLight(
             found["indirect"], found["standard_error"], found["indirect_rms"], found["rays"]

@@ -1,6 +1,7 @@
 """Is the reported error the true error? Coverage of the reported 95 % intervals over many seeds.
 
-    python tools/coverage.py [--cases NAME,NAME] [--seeds N] [--csv FILE] [--cache FOLDER]
+    python tools/coverage.py [--cases NAME,NAME] [--seeds N] [--processes N] [--csv FILE]
+        [--cache FOLDER]
 
 Each seed solves each case from the first photons on; every stage is compared, vertex by vertex,
 with the illuminance at the vertex itself: in closed form where there is one, else path-traced
@@ -23,11 +24,15 @@ from __future__ import annotations
 import argparse
 import csv
 import math
+import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, fields
+from functools import cache, partial
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -247,7 +252,42 @@ def poisson_row(counts: NDArray[np.uint64]) -> tuple[float, float] | None:
     return float(inside.mean()), float(own.mean())
 
 
-def measure(name: str, case: Case, seeds: int, photon_counts: Sequence[int]) -> Iterator[Row]:
+@dataclass(frozen=True, slots=True)
+class Told:
+    """Of one seed.
+
+    stages : each with its photons
+    counts : (V, 2) hits of the buckets of direct and indirect light, by photons
+    seconds : of the processor
+    """
+
+    stages: list[tuple[Stage, int]]
+    counts: dict[int, NDArray[np.uint64]]
+    seconds: float
+
+
+@cache
+def made_case(name: str, folder: Path) -> Case:
+    """Once a process."""
+    with tempfile.TemporaryDirectory() as temporary:
+        return CASES[name](Path(temporary), folder)
+
+
+def told_of_seed(seed: int, name: str, photon_counts: Sequence[int], folder: Path) -> Told:
+    case = made_case(name, folder)
+    started = time.process_time()
+    told = list(stages(case, seed, photon_counts))
+    if name in RADIOSITY_CASES and seed < RADIOSITY_SEEDS:
+        told.append((radiosity_stage(case, seed), 0))
+    counts = {}
+    for photons in photon_counts[:2]:
+        buckets = _core.PhotonBuckets(case.core)
+        _core.trace_photons(case.core, buckets, seed, 0, photons, 1)
+        counts[photons] = buckets.hit_counts
+    return Told(told, counts, time.process_time() - started)
+
+
+def measure(name: str, case: Case, all_told: Iterable[Told]) -> Iterator[Row]:
     made_by = commit()  # now: a long run outlasts a commit
     areas = case.core.vertex_areas
     truths = {
@@ -258,11 +298,10 @@ def measure(name: str, case: Case, seeds: int, photon_counts: Sequence[int]) -> 
     found: dict[tuple[str, str, str], Coverage] = {}
     photons_of: dict[str, int] = {}
     counts: dict[int, list[NDArray[np.uint64]]] = {}
-    for seed in range(seeds):
-        told = list(stages(case, seed, photon_counts))
-        if name in RADIOSITY_CASES and seed < RADIOSITY_SEEDS:
-            told.append((radiosity_stage(case, seed), 0))
-        for stage, photons in told:
+    seeds = 0
+    for told in all_told:
+        seeds += 1
+        for stage, photons in told.stages:
             photons_of[stage.name] = photons
             for part, (truth, noise) in truths.items():
                 if not np.nan_to_num(truth).any() or (
@@ -275,10 +314,8 @@ def measure(name: str, case: Case, seeds: int, photon_counts: Sequence[int]) -> 
                 if key not in found:
                     found[key] = Coverage(truth, noise, areas)
                 found[key].add(stage.values[part], stage.errors[part], stage.rms.get(part))
-        for photons in photon_counts[:2]:
-            buckets = _core.PhotonBuckets(case.core)
-            _core.trace_photons(case.core, buckets, seed, 0, photons, 1)
-            counts.setdefault(photons, []).append(buckets.hit_counts)
+        for photons, hits in told.counts.items():
+            counts.setdefault(photons, []).append(hits)
     fixed = {"case": name, "nominal": NOMINAL, "commit": made_by}
     for (stage, component, part), coverage in found.items():
         settings = stage.partition(", ")[2] or "default"
@@ -306,6 +343,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--cases", default=",".join(CASES), help="comma-separated")
     parser.add_argument("--seeds", type=int, default=200)
+    parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--photons", default=",".join(map(str, PHOTONS)), help="comma-separated")
     parser.add_argument("--csv", type=Path)
     folder = Path(__file__).parents[1] / "build/bench"
@@ -316,18 +354,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(f"no case {', '.join(unknown)}; there are {', '.join(CASES)}")
     photons = [int(count) for count in options.photons.split(",")]
     rows: list[Row] = []
-    started = time.process_time()
-    for name in names:
-        with tempfile.TemporaryDirectory() as temporary:
-            case = CASES[name](Path(temporary), options.cache)
-        noise = np.sqrt(np.nanmean(case.direct_noise**2 + case.indirect_noise**2))
-        print(
-            f"{name}: {case.core.element_count} triangles, {case.core.vertex_count} vertices, "
-            f"the truth known to {noise / np.nanmean(case.direct + case.indirect):.2%} "
-            f"({time.process_time() - started:.0f} s CPU)",
-            file=sys.stderr,
-        )
-        rows += measure(name, case, options.seeds, photons)
+    seconds = 0.0
+
+    def counted(all_told: Iterable[Told]) -> Iterator[Told]:
+        nonlocal seconds
+        for told in all_told:
+            seconds += told.seconds
+            yield told
+
+    # Fresh processes: the solver's threads wouldn't outlive a fork.
+    with ProcessPoolExecutor(options.processes, get_context("spawn")) as pool:
+        for name in names:
+            case = made_case(name, options.cache)  # here first: its reference is for all to read
+            tell = partial(told_of_seed, name=name, photon_counts=photons, folder=options.cache)
+            rows += measure(name, case, counted(pool.map(tell, range(options.seeds))))
+            noise = np.sqrt(np.nanmean(case.direct_noise**2 + case.indirect_noise**2))
+            print(
+                f"{name}: {case.core.element_count} triangles, {case.core.vertex_count} vertices, "
+                f"the truth known to {noise / np.nanmean(case.direct + case.indirect):.2%} "
+                f"({seconds:.0f} s CPU)",
+                file=sys.stderr,
+            )
     if options.csv:
         with options.csv.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, [field.name for field in fields(Row)])
@@ -357,7 +404,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )  # fmt: skip
     print_table(
         f"Coverage of reported 95 % intervals, {options.seeds} seeds, commit {commit()}, "
-        f"{time.process_time() - started:.0f} s CPU",
+        f"{seconds:.0f} s CPU",
         ["case", "component", "stage", "settings", "vertices", "area", "rms", "poisson", "z rms",
          "z 50", "z 95", "z 99", "true RMS", "reported/true"],
         lines,

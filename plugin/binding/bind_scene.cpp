@@ -171,10 +171,10 @@ class SceneBuilder {
         }
     }
 
-    std::unique_ptr<Scene> build(int threads, std::int64_t worth_sharing) {
+    std::unique_ptr<Scene> build(int threads, std::int64_t worth_sharing, bool divide) {
         nb::gil_scoped_release release;
         return std::make_unique<Scene>(std::move(mesh_), std::move(luminaires_), copies_,
-                                       worth_sharing, threads);
+                                       worth_sharing, threads, divide);
     }
 
   private:
@@ -190,6 +190,29 @@ nb::list mesh_ranges(const Scene& scene) {
         out.append(nb::make_tuple(range.front_begin, range.front_end, range.back_end,
                                   hand_over(std::vector(range.corner_vertices))));
     }
+    return out;
+}
+
+nb::object division(const Scene& scene) {
+    const MeshDivision& of = scene.division();
+    if (of.vertices.empty()) {
+        return nb::none();
+    }
+    nb::dict out;
+    out["vertices"] = hand_over(std::vector(of.vertices));
+    out["added"] = hand_over(std::vector(of.added));
+    out["between"] = hand_over<std::int32_t>(std::vector(of.between), {of.between.size(), 2});
+    out["twins"] = hand_over(std::vector(of.twins));
+    std::vector<std::array<std::int32_t, 3>> elements;
+    for (const MeshElement& element : scene.mesh().elements) {
+        elements.push_back(element.vertices);
+    }
+    const std::size_t count = elements.size();
+    out["elements"] = hand_over<std::int32_t>(std::move(elements), {count, 3});
+    out["parts"] = hand_over(std::vector(of.parts));
+    out["parents"] = hand_over(std::vector(of.parents));
+    out["barycentrics"] =
+        hand_over<double>(std::vector(of.barycentrics), {of.barycentrics.size(), 3, 3});
     return out;
 }
 
@@ -217,7 +240,7 @@ void bind_scene(nb::module_& module) {
         .def_prop_ro(
             "receiver_positions",
             [](const Scene& s) {
-                const auto receivers = vertex_receivers(s.mesh());
+                const auto receivers = s.receivers();
                 std::vector<Vec3d> positions(receivers.size());
                 std::ranges::transform(receivers, positions.begin(), &Receiver::position);
                 return hand_over(std::move(positions));
@@ -242,6 +265,13 @@ void bind_scene(nb::module_& module) {
                 return hand_over(std::move(out));
             },
             nb::rv_policy::automatic, "(V,) int32, number of each vertex's mesh")
+        .def_prop_ro(
+            "told_areas", [](const Scene& s) { return hand_over(std::vector(s.told_areas())); },
+            nb::rv_policy::automatic,
+            "(V,) float64, m^2 of which each vertex tells the light: vertex_areas without division")
+        .def_prop_ro("division", &division,
+                     "The arrays of isolux.mesh_division.MeshDivision by name; None: no element "
+                     "was divided")
         .def_prop_ro("mesh_ranges", &mesh_ranges,
                      "of each mesh: (front begin, front end = back begin, back end, "
                      "corner_vertices (C,) int32 from the range's begin, -1 at holes)");
@@ -278,8 +308,10 @@ void bind_scene(nb::module_& module) {
              "triangles : (T, 3) int32, counter-clockwise seen from where they shine\n"
              "luminance : (T, 3) or (1, 3) float32, cd/m^2 by channel")
         .def("build", &SceneBuilder::build, "threads"_a, "worth_sharing"_a = kWorthSharing,
+             "divide"_a = false,
              "Once; the builder is empty afterwards.\n\n"
-             "worth_sharing : bytes; where copies of meshes save as many, they share a tree");
+             "worth_sharing : bytes; where copies of meshes save as many, they share a tree\n"
+             "divide : elements much larger than the others; see `Scene.division`");
 
     module.def(
         "enclosed_lights",

@@ -41,7 +41,7 @@ float relative_spread(float low, float high, float all) {
 } // namespace
 
 FinalGather::FinalGather(const Scene& scene, std::uint64_t seed)
-    : scene_(scene), seed_(seed), tracer_(scene, seed), receivers_(vertex_receivers(scene.mesh())),
+    : scene_(scene), seed_(seed), tracer_(scene, seed), receivers_(scene.receivers()),
       regression_(scene.mesh(), receivers_), reflectances_(receivers_.size()),
       records_(receivers_.size()), smooth_(receivers_.size()), hidden_(receivers_.size()),
       rough_(receivers_.size()), tight_(receivers_.size()) {
@@ -298,14 +298,15 @@ void FinalGather::smooth(int threads) {
 }
 
 void FinalGather::spend(std::uint64_t end, int threads) {
-    const std::vector<double>& areas = scene_.mesh().areas;
+    const std::vector<double>&areas = scene_.mesh().areas, &told = scene_.told_areas();
     std::vector<std::int32_t> chosen;
     std::vector<float> gain(records_.size()); // lx² m², of each further ray
     const std::uint64_t left_over = rays_ < end ? (end - rays_) / kLeftOver : 0;
     while (rays_ + left_over < end) {
         double all = 0.0;
         for (const std::int32_t v : lit_) {
-            gain[v] = static_cast<float>(areas[v] * static_cast<double>(smooth_[v].variance) /
+            gain[v] = static_cast<float>(std::max(areas[v], told[v]) *
+                                         static_cast<double>(smooth_[v].variance) /
                                          records_[v].rays());
             all += static_cast<double>(gain[v]);
         }
@@ -405,8 +406,8 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
         const double variance = smooth_[v].variance + bends.at(e) + by_photons * e * e;
         out.indirect[v] = smooth_[v].illuminance;
         out.standard_error[v] = static_cast<float>(std::sqrt(variance));
-        square += scene_.mesh().areas[v] * variance;
-        area += scene_.mesh().areas[v];
+        square += scene_.told_areas()[v] * variance;
+        area += scene_.told_areas()[v];
     }
     out.indirect_rms = std::sqrt(square / area);
     out.rays = rays_ - rays_before;

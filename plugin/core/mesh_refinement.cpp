@@ -19,7 +19,7 @@ double gap_end(const RefinedEdge& edge, int i) {
 } // namespace
 
 MeshRefinement::MeshRefinement(const Scene& scene) : base_(scene.mesh()), mesh_(base_) {
-    const std::vector<Receiver> receivers = vertex_receivers(scene.mesh());
+    const std::vector<Receiver> receivers = scene.receivers();
     samples_.resize(receivers.size());
     for (std::size_t v = 0; v < receivers.size(); ++v) {
         samples_[v].position = scene.mesh().positions[v];

@@ -5,23 +5,13 @@
 #include <cmath>
 #include <unordered_map>
 
+#include "core/position_hash.h"
+
 namespace isolux {
 namespace {
 
 // Of the scene's diagonal: 1.2 mm in a room of 10 m.
 constexpr double kLeastLength = 0x1p-13;
-
-struct PositionHash {
-    std::size_t operator()(const Vec3d& p) const {
-        std::size_t hash = 0;
-        for (const double x : {p.x, p.y, p.z}) {
-            // + 0.0: both zeros are one
-            hash = (hash ^ std::bit_cast<std::uint64_t>(x + 0.0)) * 0x9e3779b97f4a7c15ULL;
-            hash ^= hash >> 32;
-        }
-        return hash;
-    }
-};
 
 double diagonal(const std::vector<Vec3d>& positions) {
     if (positions.empty()) {

@@ -102,6 +102,19 @@ std::vector<TriangleCopies> shared_copies(const IlluminationMesh& mesh,
     return saved >= worth_sharing ? out : std::vector<TriangleCopies>{};
 }
 
+// One a mesh: whether it shares a tree with another.
+std::vector<bool> sharing_meshes(const IlluminationMesh& mesh, std::span<const MeshCopy> copies,
+                                 std::int64_t worth_sharing) {
+    std::vector<bool> out(mesh.meshes.size(), false);
+    if (!copies.empty() &&
+        !shared_copies(mesh, triangles_of(mesh), copies, worth_sharing).empty()) {
+        for (const MeshCopy& copy : copies) {
+            out[copy.mesh] = out[copy.source] = true;
+        }
+    }
+    return out;
+}
+
 RayTargets ray_targets(const IlluminationMesh& mesh, const std::vector<Luminaire>& luminaires,
                        std::span<const std::array<std::int32_t, 3>> triangles,
                        std::span<const MeshCopy> copies, std::int64_t worth_sharing) {
@@ -112,8 +125,13 @@ RayTargets ray_targets(const IlluminationMesh& mesh, const std::vector<Luminaire
 } // namespace
 
 Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires,
-             std::span<const MeshCopy> copies, std::int64_t worth_sharing, int threads)
-    : mesh_(std::move(mesh)), luminaires_(aimed(std::move(luminaires), mesh_)), luminous_flux_(0.0),
+             std::span<const MeshCopy> copies, std::int64_t worth_sharing, int threads,
+             bool divide)
+    : mesh_(std::move(mesh)),
+      division_(divide
+                    ? divide_large_elements(mesh_, sharing_meshes(mesh_, copies, worth_sharing))
+                    : MeshDivision{}),
+      luminaires_(aimed(std::move(luminaires), mesh_)), luminous_flux_(0.0),
       coloured_(!std::ranges::all_of(mesh_.surfaces, grey, &Surface::reflectance) ||
                 !std::ranges::all_of(luminaires_, is_grey)),
       ray_caster_(ray_targets(mesh_, luminaires_, triangles_of(mesh_), copies, worth_sharing),
@@ -130,6 +148,14 @@ Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires,
         luminous_flux_ += luminaire.luminous_flux;
         cumulative_flux_.push_back(luminous_flux_);
     }
+}
+
+std::vector<Receiver> Scene::receivers() const {
+    std::vector<Receiver> out = vertex_receivers(mesh_);
+    for (std::size_t v = 0; v < division_.vertices.size(); ++v) {
+        out[division_.vertices[v]] = division_.receivers[v];
+    }
+    return out;
 }
 
 bool Scene::linked() const { return any_links(luminaires_); }

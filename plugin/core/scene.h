@@ -7,6 +7,7 @@
 
 #include "core/illumination_mesh.h"
 #include "core/luminaire.h"
+#include "core/mesh_division.h"
 #include "core/ray_caster.h"
 
 namespace isolux {
@@ -25,10 +26,20 @@ class Scene {
   public:
     // Luminaires infinitely far are aimed here; those of which no light arrives are left out.
     // copies : sources are no copies
+    // divide : large elements; those of meshes that share a tree stay as they are
     Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires,
-          std::span<const MeshCopy> copies, std::int64_t worth_sharing, int threads);
+          std::span<const MeshCopy> copies, std::int64_t worth_sharing, int threads,
+          bool divide = false);
 
     const IlluminationMesh& mesh() const { return mesh_; }
+    const MeshDivision& division() const { return division_; }
+    // Where each vertex samples light: as if nothing were divided, so that results tell the light
+    // of the same places.
+    std::vector<Receiver> receivers() const;
+    // m², one a vertex, of which its light is told: none of vertices that division added.
+    const std::vector<double>& told_areas() const {
+        return division_.areas.empty() ? mesh_.areas : division_.areas;
+    }
     // Those infinitely far last.
     const std::vector<Luminaire>& luminaires() const { return luminaires_; }
     const RayCaster& ray_caster() const { return ray_caster_; }
@@ -43,6 +54,7 @@ class Scene {
 
   private:
     IlluminationMesh mesh_;
+    MeshDivision division_;
     std::vector<Luminaire> luminaires_;
     std::vector<double> cumulative_flux_; // lm
     double luminous_flux_;

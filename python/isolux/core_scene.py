@@ -24,10 +24,12 @@ def build_core_scene(
     settings: SolverSettings,
     threads: int,
     worth_sharing: int = _core.WORTH_SHARING,
+    divide: bool = False,
 ) -> _core.Scene:
     """The compiled scene: meshes tessellated, the ray tracing tree built by so many threads.
 
     worth_sharing : bytes; where copies of meshes save as many, they share a tree
+    divide : elements much larger than the others, see `MeshDivision`
     """
     builder = _core.SceneBuilder(math.radians(settings.crease_angle))
     numbers = {mesh.path: number for number, mesh in enumerate(scene.meshes)}
@@ -54,7 +56,7 @@ def build_core_scene(
             _add_mesh_luminaire(builder, meshes[luminaire.path], links.of(luminaire))
         else:
             _add_luminaire(builder, luminaire, links.of(luminaire))
-    return builder.build(threads, worth_sharing)
+    return builder.build(threads, worth_sharing, divide)
 
 
 def _add_luminaire(

@@ -117,17 +117,8 @@ def unsplit_mesh(
         layout = layouts[mesh.path]
         corners, _ = mesh_triangles(mesh)
         elements.append(layout.corner_vertices[corners] + np.int32(layout.front.start))
-    joined = np.concatenate(elements)
-    return RefinedMesh(
-        vertex_count=max((layout.back.stop for layout in layouts.values()), default=0),
-        split_parents=np.zeros((0, 2), np.int32),
-        split_fraction=np.zeros(0),
-        split_twin=np.zeros(0, np.int32),
-        split_point=np.zeros(0, np.int32),
-        elements=joined,
-        element_parents=np.arange(len(joined), dtype=np.int32),
-        barycentrics=np.broadcast_to(np.eye(3), (len(joined), 3, 3)),
-    )
+    count = max((layout.back.stop for layout in layouts.values()), default=0)
+    return RefinedMesh.unsplit(count, np.concatenate(elements))
 
 
 def _topology(

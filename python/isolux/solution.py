@@ -108,6 +108,20 @@ class RefinedMesh:
     element_parents: NDArray[np.int32]
     barycentrics: NDArray[np.float64]
 
+    @classmethod
+    def unsplit(cls, vertex_count: int, elements: NDArray[np.int32]) -> RefinedMesh:
+        """Elements, (T, 3), as an adaptive mesh without a split."""
+        return cls(
+            vertex_count=vertex_count,
+            split_parents=np.zeros((0, 2), np.int32),
+            split_fraction=np.zeros(0),
+            split_twin=np.zeros(0, np.int32),
+            split_point=np.zeros(0, np.int32),
+            elements=elements,
+            element_parents=np.arange(len(elements), dtype=np.int32),
+            barycentrics=np.broadcast_to(np.eye(3), (len(elements), 3, 3)),
+        )
+
     def common_vertices(self, other: RefinedMesh) -> int:
         """How many vertices, from the first on, are the same in both meshes: V at least."""
         count = min(len(self.split_fraction), len(other.split_fraction))

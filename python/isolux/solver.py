@@ -38,6 +38,7 @@ from .core_scene import build_core_scene, mesh_layouts
 from .dark_stages import no_light_arrives, what_is_dark
 from .errors import SettingsError
 from .illumination import Illumination, relative_deviation
+from .mesh_division import MeshDivision, scene_layouts
 from .photon_findings import coarse_meshes, enclosed_luminaires, inside_out_meshes
 from .progress import SolveProgress, Watch, done_fraction
 from .scene_description import Finding, SceneDescription
@@ -79,7 +80,10 @@ class ProgressiveSolver:
         self.mesh_finished = False
         self._clock = clock
         self._threads = settings.threads or -1  # all
-        self._core_scene = build_core_scene(scene, settings, self._threads)
+        # Radiosity divides by itself; where nothing reflects, direct lighting needs no elements.
+        divide = self.method != "ddl+hpr" and (self.reflects or self.method == "dept")
+        self._core_scene = build_core_scene(scene, settings, self._threads, divide=divide)
+        self._division = MeshDivision.of(self._core_scene)
         self.vertices = int(self._core_scene.vertex_count)
         elements = self._core_scene.element_count
         self._lit = elements > 0 and self._core_scene.luminous_flux > 0
@@ -93,11 +97,16 @@ class ProgressiveSolver:
             )
         self._layouts = mesh_layouts(scene, self._core_scene)
         self._areas: NDArray[np.float64] = self._core_scene.vertex_areas
+        told_areas: NDArray[np.float64] = self._core_scene.told_areas
+        self._scene_layouts, self._scene_areas = self._layouts, told_areas
+        if self._division is not None:
+            self._scene_layouts = scene_layouts(self._layouts)
+            self._scene_areas = told_areas[self._division.vertices]
         self._photons = PhotonTracing(self._core_scene, settings, self._threads)
         self._direct = DirectLight(self._core_scene, settings, self._threads)
         if self.method == "composite" and self.reflects and settings.output_mode == "vertex":
             self._direct.aim_at(FIRST_DIRECT_ACCURACY)
-        self._light = Illumination(self._areas)
+        self._light = Illumination(told_areas)
         self._filtered: FilteredLight | None = None
         self._filtered_photons = 0
         self._bucket_errors = BucketErrors()
@@ -313,12 +322,13 @@ class ProgressiveSolver:
             self._sharpen_direct(DIRECT_ACCURACY)
         if self._mesh is None:
             self._mesh = AdaptiveMesh(self._core_scene)
-        adaptation = SceneAdaptation(self.scene.meshes, self._layouts)
+        adaptation = SceneAdaptation(self.scene.meshes, self._scene_layouts)
+        total = light.total if self._division is None else light.total[self._division.vertices]
         self._mesh.begin(
             light.direct,
             light.direct_error,
             light.indirect,
-            adaptation.luminance(light.total, self._areas),
+            adaptation.luminance(total, self._scene_areas),
             threshold,
             self._filtered,
         )
@@ -380,10 +390,19 @@ class ProgressiveSolver:
         error = light.rms_error
         self._error = None if math.isnan(error) else error
         refined, direct, direct_error = self._refined or (None, light.direct, light.direct_error)
+        if refined is None and self._division and self.settings.output_mode == "refined":
+            refined = self._division.unsplit()
         indirect, indirect_error = light.indirect, light.indirect_error
         if refined is not None:
             indirect = refined.interpolate(indirect)
             indirect_error = refined.interpolate(indirect_error)
+        support_radius = light.support_radius
+        if self._division is not None:
+            order = self._division.order(refined)
+            direct, direct_error = direct[order], direct_error[order]
+            indirect, indirect_error = indirect[order], indirect_error[order]
+            support_radius = support_radius[self._division.vertices]
+            refined = refined and self._division.over_scene(refined)
         ends = self._photons.buckets.ends
         t1, t1_photons, t2 = self._switchover
         stage = ProgressiveStage(
@@ -412,12 +431,12 @@ class ProgressiveSolver:
         return Solution(
             stage=stage,
             scene=self.scene,
-            layouts=self._layouts,
+            layouts=self._scene_layouts,
             direct=direct,
             indirect=indirect,
             relative_deviation=relative_deviation(direct + indirect, direct_error, indirect_error),
-            support_radius=light.support_radius,
-            vertex_areas=self._areas,
+            support_radius=support_radius,
+            vertex_areas=self._scene_areas,
             refined=refined,
             steps=tuple(self._steps),
         )

@@ -11,7 +11,7 @@ from isolux.core_scene import build_core_scene, mesh_triangles
 from isolux.settings import SolverSettings
 from solved_scenes import solved, solver_of
 
-MANY = 4000  # elements of a scene of which few were there
+MANY = 5000  # elements of a scene, at the least where it had fewer
 ROOM = box((5, 4, 3), 10.0)
 
 

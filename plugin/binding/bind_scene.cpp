@@ -311,7 +311,7 @@ void bind_scene(nb::module_& module) {
              "divide"_a = false,
              "Once; the builder is empty afterwards.\n\n"
              "worth_sharing : bytes; where copies of meshes save as many, they share a tree\n"
-             "divide : elements much larger than the others; see `Scene.division`");
+             "divide : large elements; see `Scene.division`");
 
     module.def(
         "enclosed_lights",

@@ -305,9 +305,9 @@ void FinalGather::spend(std::uint64_t end, int threads) {
     while (rays_ + left_over < end) {
         double all = 0.0;
         for (const std::int32_t v : lit_) {
-            gain[v] = static_cast<float>(std::max(areas[v], told[v]) *
-                                         static_cast<double>(smooth_[v].variance) /
-                                         records_[v].rays());
+            gain[v] =
+                static_cast<float>(std::max(areas[v], told[v]) *
+                                   static_cast<double>(smooth_[v].variance) / records_[v].rays());
             all += static_cast<double>(gain[v]);
         }
         chosen = lit_;

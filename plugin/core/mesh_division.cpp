@@ -10,12 +10,12 @@
 namespace isolux {
 namespace {
 
-// An element may be so many times as large as the mean one of its scene, or this share of all area
-// where that is less: cornell_sphere, whose five walls are a quad each beside 80,000 triangles, has
-// an RMS error of 9.1 % undivided, of 4.7 % with 64, of 2.4 % with 16 and 4; a Cornell box of 286
-// triangles 1.23 %, and 0.24 % with 1/1024 and 1/4096 (5 s of one core; 1/16384: 0.32 %).
-// No powers of two, which halves of halves would meet but for rounding.
-constexpr double kLargest = 15.0, kLargestShare = 1.0 / 4000.0;
+// An element may be so large a share of all surfaces: no power of two, which halves of halves would
+// meet but for rounding. RMS errors: cornell_sphere, whose five walls are a quad each, of 99 %, 9.1
+// % undivided after 15 s of one core, with 1/1250 4.7 % after 8.6 s, with 1/5000 2.4 % then, with
+// 1/20000 not before 12 s; a Cornell box of 286 triangles 1.23 %, 0.24 % with 1/1000 and 1/4000,
+// 0.32 % with 1/16000 after 5 s.
+constexpr double kLargest = 1.0 / 5000.0;
 // Of two diagonals the second has to be shorter by more than rounding.
 constexpr double kShorter = 1.0 - 0x1p-20;
 // Of the farthest coordinate: shorter edges have no middle to speak of.
@@ -43,8 +43,7 @@ class Division {
             const Vec3d& p = position(element.vertices[0]);
             farthest = std::max({farthest, std::abs(p.x), std::abs(p.y), std::abs(p.z)});
         }
-        const auto count = static_cast<double>(mesh.elements.size());
-        largest_ = total * std::min(kLargest / std::max(count, 1.0), kLargestShare);
+        largest_ = kLargest * total;
         // A square's halves are divided along all three edges.
         longest_ = std::max(std::sqrt(largest_), kLeastLength * farthest);
         for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
@@ -52,9 +51,8 @@ class Division {
             if (!whole[static_cast<std::size_t>(mesh.surface(mesh.elements[e]).mesh)] &&
                 std::ranges::any_of(std::array{0, 1, 2},
                                     [&](int k) { return is_long(vertices, k); })) {
-                parts_.push_back({vertices,
-                                  static_cast<std::int32_t>(e),
-                                  {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}}});
+                parts_.push_back(
+                    {vertices, static_cast<std::int32_t>(e), {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}}});
             }
         }
     }
@@ -278,8 +276,8 @@ MeshDivision Division::finish() {
                 }
                 finer.elements.push_back(element);
             };
-            const auto end = std::find_if(part, parts_.end(),
-                                          [&](const Part& p) { return p.parent != e; });
+            const auto end =
+                std::find_if(part, parts_.end(), [&](const Part& p) { return p.parent != e; });
             if (end - part <= 1) {
                 add(mesh_.elements[e].vertices);
                 part = end;

@@ -1,4 +1,4 @@
-// The mesh that light is solved on: elements much larger than the others of the scene are divided.
+// The mesh that light is solved on: large elements of the scene are divided.
 //
 // Light that an element reflects is linear between its vertices. A wall of one quad would pass on
 // what its four corners know; divided, it reflects what falls on it [a priori meshing: Cohen &
@@ -16,10 +16,10 @@ namespace isolux {
 // How the former mesh lies in the divided one; all empty: nothing was divided. A vertex is added in
 // the middle between two others of one side.
 struct MeshDivision {
-    std::vector<std::int32_t> vertices;               // of each former vertex, where it is now
+    std::vector<std::int32_t> vertices; // of each former vertex, where it is now
     // One a vertex: m² of the former mesh that it stood for; 0 of added ones.
     std::vector<double> areas;
-    std::vector<Receiver> receivers; // of each former vertex, as it was
+    std::vector<Receiver> receivers;                  // of each former vertex, as it was
     std::vector<std::int32_t> added;                  // vertices, fronts and backs
     std::vector<std::array<std::int32_t, 2>> between; // of each of those
     std::vector<std::int32_t> twins;                  // of each: of a front its back; else -1

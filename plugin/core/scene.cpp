@@ -125,12 +125,10 @@ RayTargets ray_targets(const IlluminationMesh& mesh, const std::vector<Luminaire
 } // namespace
 
 Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires,
-             std::span<const MeshCopy> copies, std::int64_t worth_sharing, int threads,
-             bool divide)
+             std::span<const MeshCopy> copies, std::int64_t worth_sharing, int threads, bool divide)
     : mesh_(std::move(mesh)),
-      division_(divide
-                    ? divide_large_elements(mesh_, sharing_meshes(mesh_, copies, worth_sharing))
-                    : MeshDivision{}),
+      division_(divide ? divide_large_elements(mesh_, sharing_meshes(mesh_, copies, worth_sharing))
+                       : MeshDivision{}),
       luminaires_(aimed(std::move(luminaires), mesh_)), luminous_flux_(0.0),
       coloured_(!std::ranges::all_of(mesh_.surfaces, grey, &Surface::reflectance) ||
                 !std::ranges::all_of(luminaires_, is_grey)),

@@ -29,7 +29,7 @@ def build_core_scene(
     """The compiled scene: meshes tessellated, the ray tracing tree built by so many threads.
 
     worth_sharing : bytes; where copies of meshes save as many, they share a tree
-    divide : elements much larger than the others, see `MeshDivision`
+    divide : large elements, see `MeshDivision`
     """
     builder = _core.SceneBuilder(math.radians(settings.crease_angle))
     numbers = {mesh.path: number for number, mesh in enumerate(scene.meshes)}

@@ -11,7 +11,7 @@ instance is masked. A value is the area-weighted mean over the fronts of all mes
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -178,16 +178,12 @@ class InstanceSummary:
     """Area-weighted means over what each instance or copy holds, stage after stage.
 
     scene : what was solved
-    layouts : where its vertices lie, by mesh path
-    areas : (V,) float64, m², of all vertices
+    solution : one of it
     """
 
-    def __init__(
-        self,
-        scene: SceneDescription,
-        layouts: Mapping[str, MeshLayout],
-        areas: NDArray[np.float64],
-    ) -> None:
+    def __init__(self, scene: SceneDescription, solution: Solution) -> None:
+        light = solution.divided or solution
+        layouts, areas = light.layouts, light.vertex_areas
         self._items = [item for item in scene.instanced if item.mesh_ranges is not None]
         sizes = [1 if item.copies is None else item.copies.count for item in self._items]
         self._begins = np.cumsum([0, *sizes])
@@ -196,6 +192,7 @@ class InstanceSummary:
         self._back = np.full(len(areas), -1, np.int64)
         self._areas = areas
         look = np.zeros((len(areas), 6), np.float32)
+        look_areas = np.zeros(len(areas))
         placed = instance_of_meshes(scene)
         for mesh in scene.meshes:
             if mesh.path not in placed:
@@ -211,7 +208,11 @@ class InstanceSummary:
             by_face = np.broadcast_to(of_faces, (len(mesh.face_vertex_counts), of_faces.shape[1]))
             vertices = layout.corner_vertices[on_surface] + layout.front.start
             look[vertices, : by_face.shape[1]] = by_face[corners[on_surface]]
-        self._look = self._means(look, self._front)
+            of_corners = solution.layout(mesh.path).front
+            count = of_corners.stop - of_corners.start
+            begin = layout.front.start
+            look_areas[begin : begin + count] = solution.vertex_areas[of_corners]
+        self._look = self._means(look, self._front, look_areas)
 
     def primvars(
         self, stage: VertexIlluminance
@@ -219,12 +220,12 @@ class InstanceSummary:
         """The values of each instance (1) or of each point instancer (one an instance)."""
         back = None
         if (self._back >= 0).any():
-            back = self._means(stage.direct + stage.indirect, self._back)
+            back = self._means(stage.direct + stage.indirect, self._back, self._areas)
         means = PrimvarValues(
-            direct=self._means(stage.direct, self._front),
-            indirect=self._means(stage.indirect, self._front),
+            direct=self._means(stage.direct, self._front, self._areas),
+            indirect=self._means(stage.indirect, self._front, self._areas),
             back=back,
-            relative_deviation=self._means(stage.relative_deviation, self._front),
+            relative_deviation=self._means(stage.relative_deviation, self._front, self._areas),
             reflectance=self._look[:, :3],
             emission=self._look[:, 3:],
             display=stage.display,
@@ -238,11 +239,13 @@ class InstanceSummary:
             ):
                 yield item, field, values[begin:end]
 
-    def _means(self, values: NDArray[np.float32], groups: NDArray[np.int64]) -> NDArray[np.float32]:
+    def _means(
+        self, values: NDArray[np.float32], groups: NDArray[np.int64], areas: NDArray[np.float64]
+    ) -> NDArray[np.float32]:
         """(V,) or (V, K) values of vertices as means of their groups; 0 where one has none."""
         inside = groups >= 0
         groups, count = groups[inside], int(self._begins[-1])
-        areas = self._areas[inside]
+        areas = areas[inside]
         total = np.bincount(groups, areas, count)
         columns = values[: len(inside)][inside].reshape(len(groups), -1).T
         sums = np.array([np.bincount(groups, areas * column, count) for column in columns])

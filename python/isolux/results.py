@@ -211,14 +211,22 @@ class ResultsWriter:
             fit_cages(list(cages), stage)
             for output in self._meshes.values():
                 self._write_primvars(output, stage)
-            self._write_summary(stage)
+            if self._summary is not None:
+                light = solution.divided or solution
+                of_light = replace(
+                    stage,
+                    direct=light.direct,
+                    indirect=light.indirect,
+                    relative_deviation=light.relative_deviation,
+                )
+                self._write_summary(self._summary, of_light)
             self._write_report(solution)
 
     def _begin_instances(self, solution: Solution) -> None:
         """Make prims of the instances, or leave out their meshes; say what that costs."""
         instanced = instance_of_meshes(self._scene)
         if self._instances == "summary":
-            self._summary = InstanceSummary(self._scene, solution.layouts, solution.vertex_areas)
+            self._summary = InstanceSummary(self._scene, solution)
             self._meshes_written = tuple(
                 mesh for mesh in self._scene.meshes if mesh.path not in instanced
             )
@@ -227,10 +235,8 @@ class ResultsWriter:
                 write_expanded(self._layer, self._stage, self._scene.instanced)
         self._instance_findings.append(instances_finding(self._scene, solution, self._instances))
 
-    def _write_summary(self, stage: VertexIlluminance) -> None:
-        if self._summary is None:
-            return
-        for item, field, values in self._summary.primvars(stage):
+    def _write_summary(self, summary: InstanceSummary, stage: VertexIlluminance) -> None:
+        for item, field, values in summary.primvars(stage):
             interpolation = "constant" if item.copies is None else "vertex"
             self._write_values(item.path, field, interpolation, None, values, stage.time_code)
 

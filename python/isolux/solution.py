@@ -150,6 +150,23 @@ class RefinedMesh:
 
 
 @dataclass(frozen=True, slots=True)
+class DividedLight:
+    """Light at all vertices of a mesh whose large elements were divided, N of them, for means.
+
+    layouts : where its vertices lie, by mesh path, added ones behind those of the face corners
+    direct, indirect : (N, 3) float32, lx by channel
+    relative_deviation : (N,) float32, of the total
+    vertex_areas : (N,) float64, m^2; with them photons' light is their flux
+    """
+
+    layouts: dict[str, MeshLayout]
+    direct: NDArray[np.float32]
+    indirect: NDArray[np.float32]
+    relative_deviation: NDArray[np.float32]
+    vertex_areas: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
 class Solution:
     """Illuminance of all meshes after one progressive stage.
 
@@ -161,6 +178,7 @@ class Solution:
     support_radius : (V,) float32, m, of the indirect light's filter; 0 where there was none
     vertex_areas : (V,) float64, m^2, area that each vertex stands for
     refined : the adaptive mesh; None: the elements as they are
+    divided : the light where it was solved for; None: at the vertices alone
     steps : what the run did so far, by counts: `ProgressiveSolver.stages` replays it
     """
 
@@ -173,6 +191,7 @@ class Solution:
     support_radius: NDArray[np.float32]
     vertex_areas: NDArray[np.float64]
     refined: RefinedMesh | None = None
+    divided: DividedLight | None = None
     steps: tuple[StagePlan, ...] = ()
 
     def layout(self, path: str) -> MeshLayout:
@@ -200,12 +219,14 @@ class Solution:
 
     def mean_illuminance(self, path: str) -> float:
         """Area-weighted mean photometric illuminance of the front of a mesh, lx."""
-        front = self.layout(path).front
-        areas = self.vertex_areas[front]
+        light = self.divided or self
+        self.layout(path)
+        front = light.layouts[path].front
+        areas = light.vertex_areas[front]
         total = float(areas.sum())
         if total == 0.0:
             return 0.0
-        colour = areas @ (self.direct[front] + self.indirect[front]).astype(np.float64)
+        colour = areas @ (light.direct[front] + light.indirect[front]).astype(np.float64)
         return float(colour @ LUMINANCE_WEIGHTS) / total
 
 

@@ -44,7 +44,7 @@ from .progress import SolveProgress, Watch, done_fraction
 from .scene_description import Finding, SceneDescription
 from .schedule import Component, StageGoal, StagePlan
 from .settings import SolverSettings, settings_from_stage
-from .solution import ProgressiveStage, RefinedMesh, Solution
+from .solution import DividedLight, ProgressiveStage, RefinedMesh, Solution
 from .stage_reader import read_source
 from .target_error import TargetError
 
@@ -96,17 +96,16 @@ class ProgressiveSolver:
                 f"at most {RADIOSITY_ELEMENTS:,}, beyond which a reflection takes minutes",
             )
         self._layouts = mesh_layouts(scene, self._core_scene)
-        self._areas: NDArray[np.float64] = self._core_scene.vertex_areas
-        told_areas: NDArray[np.float64] = self._core_scene.told_areas
-        self._scene_layouts, self._scene_areas = self._layouts, told_areas
+        self._areas: NDArray[np.float64] = self._core_scene.told_areas
+        self._scene_layouts, self._scene_areas = self._layouts, self._areas
         if self._division is not None:
             self._scene_layouts = scene_layouts(self._layouts)
-            self._scene_areas = told_areas[self._division.vertices]
+            self._scene_areas = self._areas[self._division.vertices]
         self._photons = PhotonTracing(self._core_scene, settings, self._threads)
         self._direct = DirectLight(self._core_scene, settings, self._threads)
         if self.method == "composite" and self.reflects and settings.output_mode == "vertex":
             self._direct.aim_at(FIRST_DIRECT_ACCURACY)
-        self._light = Illumination(told_areas)
+        self._light = Illumination(self._areas)
         self._filtered: FilteredLight | None = None
         self._filtered_photons = 0
         self._bucket_errors = BucketErrors()
@@ -396,8 +395,15 @@ class ProgressiveSolver:
         if refined is not None:
             indirect = refined.interpolate(indirect)
             indirect_error = refined.interpolate(indirect_error)
-        support_radius = light.support_radius
+        support_radius, divided = light.support_radius, None
         if self._division is not None:
+            divided = DividedLight(
+                self._layouts,
+                light.direct,
+                light.indirect,
+                relative_deviation(light.total, light.direct_error, light.indirect_error),
+                self._core_scene.vertex_areas,
+            )
             order = self._division.order(refined)
             direct, direct_error = direct[order], direct_error[order]
             indirect, indirect_error = indirect[order], indirect_error[order]
@@ -438,6 +444,7 @@ class ProgressiveSolver:
             support_radius=support_radius,
             vertex_areas=self._scene_areas,
             refined=refined,
+            divided=divided,
             steps=tuple(self._steps),
         )
 

@@ -168,8 +168,10 @@ def clear() -> None:
 )
 def nearly_clear() -> None:
     assert_lit_by_a_point(directly_lit(floor() + glass(1e-3)), "/Floor", share=0.999)
-    dense = solved(floor() + glass(1e-3), photons=1_000_000)
-    clean = solved(floor(), photons=1_000_000)
+    # So fine that neither scene's is divided: the filter is the same, too.
+    fine = mesh("Floor", rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.07)) + LAMP
+    dense = solved(fine + glass(1e-3), photons=1_000_000)
+    clean = solved(fine, photons=1_000_000)
     lost = 1 - means(dense, "/Floor")[0] / means(clean, "/Floor")[0]
     hits = 1_000_000 * means(clean, "/Floor")[0] * 16 / FLUX
     # The same photons: only those that the sheet stops make a difference.

@@ -133,21 +133,23 @@ def at_corners(solution: Solution, path: str, *, back: bool = False) -> Array:
 
 def means(solution: Solution, path: str, *, back: bool = False) -> Array:
     """Area-weighted direct and indirect illuminance of a mesh, lx."""
-    layout = solution.layout(path)
+    solved_on = solution.divided or solution
+    layout = solved_on.layouts[path]
     side = layout.back if back else layout.front
-    areas = solution.vertex_areas[side]
+    areas = solved_on.vertex_areas[side]
     return np.array(
         [areas @ photometric(light[side]) / areas.sum()
-         for light in (solution.direct, solution.indirect)]
+         for light in (solved_on.direct, solved_on.indirect)]
     )  # fmt: skip
 
 
 def mean_everywhere(solution: Solution) -> Array:
     """Area-weighted direct and indirect illuminance of all surfaces, lx."""
-    areas = solution.vertex_areas
+    solved_on = solution.divided or solution
+    areas = solved_on.vertex_areas
     return np.array(
         [areas @ photometric(light[: len(areas)]) / areas.sum()
-         for light in (solution.direct, solution.indirect)]
+         for light in (solved_on.direct, solved_on.indirect)]
     )  # fmt: skip
 
 

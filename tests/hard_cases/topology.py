@@ -54,7 +54,7 @@ def faces_without_area() -> None:
     at_point = dict(zip(broken.indices[:kept].tolist(), clean, strict=True))
     assert values[kept:-3].tolist() == [at_point[point] for point in shared.tolist()]
     expected = from_point(CANDELA, (0.3, 0.2, 2.0), np.array(extra), UP)
-    photons = solved(scene, photons=400_000)
+    photons = solved(scene, photons=6_000_000)
     assert at_corners(photons, "/Floor")[-3:] == pytest.approx(expected, rel=0.1)
 
 

@@ -282,17 +282,21 @@ void FinalGather::smooth(int threads) {
     }
     regression_.fit(values, smooth_, threads);
     // Planes fall short of light that drops towards an edge: each side keeps the mean of its rays.
-    std::vector<std::array<double, 2>> flux(6 * scene_.mesh().meshes.size()); // lm: rays', smooth
+    // A vertex whose own rays are sure has lost nothing, and takes no part.
+    const auto taken = [&](std::int32_t v) { return std::sqrt(smooth_[v].taken); };
+    std::vector<std::array<double, 2>> flux(6 * scene_.mesh().meshes.size()); // lm: lost, taken
     for (const std::int32_t v : lit_) {
         const double area = scene_.mesh().areas[v];
-        auto& [gathered, fitted] = flux[mesh_side(receivers_[v])];
-        gathered += area * luminance(records_[v].illuminance.as<double>());
-        fitted += area * luminance(smooth_[v].illuminance.as<double>());
+        const double fitted = luminance(smooth_[v].illuminance.as<double>());
+        auto& [lost, part] = flux[mesh_side(receivers_[v])];
+        lost += area * (luminance(records_[v].illuminance.as<double>()) - fitted);
+        part += area * static_cast<double>(taken(v)) * fitted;
     }
     for (const std::int32_t v : lit_) {
-        const auto [gathered, fitted] = flux[mesh_side(receivers_[v])];
-        if (fitted > 0.0) {
-            smooth_[v].illuminance = smooth_[v].illuminance * static_cast<float>(gathered / fitted);
+        const auto [lost, part] = flux[mesh_side(receivers_[v])];
+        if (part > 0.0) {
+            const auto more = static_cast<float>(std::max(-1.0, lost / part));
+            smooth_[v].illuminance = smooth_[v].illuminance * (1.0F + taken(v) * more);
         }
     }
 }

@@ -18,6 +18,9 @@ constexpr float kLeastCosine = 0.7F;
 constexpr double kPooledRays = 4.0;
 // Standard deviations of the residuals' sum, of curvature that chance may have hidden.
 constexpr double kHidden = 1.0;
+// Square height of a bowl, in its variances, that is put down to chance. Hall of 600 luminaires: 2
+// errs by 3 % more, 4 as without bowls; office: 4 errs by 2 to 6 % less than without.
+constexpr double kBowl = 4.0;
 // Of what a vertex's own rays say otherwise, what those of each beside it count.
 constexpr float kBeside = 0.5F;
 // Of its noise, the variance of what too few values around a vertex tell of it.
@@ -46,7 +49,56 @@ struct Normal {
                 (a01 * a02 - a00 * a12) * d,
                 (a00 * a11 - a01 * a01) * d};
     }
+    std::array<double, 3> operator*(const std::array<double, 3>& b) const {
+        return {a00 * b[0] + a01 * b[1] + a02 * b[2], a01 * b[0] + a11 * b[1] + a12 * b[2],
+                a02 * b[0] + a12 * b[1] + a22 * b[2]};
+    }
 };
+
+struct Sample {
+    double x, y, value, noise, structure; // m, m, lx, lx², (d/h)²
+    std::int32_t vertex;
+
+    // lx², of its value from a plane
+    double spread(double curvature) const { return noise + curvature * structure; }
+};
+
+// Light that lies above its plane all around, or below: the averages of such are wrong, all the
+// same way, however many.
+struct Bowl {
+    double height = 0.0, variance = 0.0; // lx, lx², at the distance h; none is 0 and sure
+};
+
+// inverse : of the plane's normal equations
+Bowl fit_bowl(std::span<const Sample> samples, const Normal& inverse, double curvature) {
+    std::array<double, 3> values{}, bowls{};
+    for (const Sample& p : samples) {
+        const double w = 1.0 / p.spread(curvature);
+        const std::array<double, 3> row{w, w * p.x, w * p.y};
+        for (std::size_t k = 0; k < 3; ++k) {
+            values[k] += row[k] * p.value;
+            bowls[k] += row[k] * p.structure;
+        }
+    }
+    const std::array<double, 3> light = inverse * values, plane = inverse * bowls;
+    double both = 0.0, square = 0.0;
+    for (const Sample& p : samples) {
+        const double r = p.structure - plane[0] - plane[1] * p.x - plane[2] * p.y;
+        const double off = p.value - light[0] - light[1] * p.x - light[2] * p.y;
+        both += r * off / p.spread(curvature);
+        square += r * r / p.spread(curvature);
+    }
+    if (square <= 0.0) {
+        return {};
+    }
+    const double height = both / square, chance = 1.0 / square;
+    const double real = height * height - kBowl * chance;
+    if (real <= 0.0) {
+        return {};
+    }
+    const double share = real / (real + chance);
+    return {share * height, share * chance};
+}
 
 } // namespace
 
@@ -112,10 +164,6 @@ LocalRegression::predict(std::int32_t vertex, std::span<const NoisyIlluminance> 
     const NoisyIlluminance& own = values[vertex];
     std::array<std::int32_t, kMost> found{};
     const std::size_t all = around(vertex, found);
-    struct Sample {
-        double x, y, value, noise, structure; // m, m, lx, lx², (d/h)²
-        std::int32_t vertex;
-    };
     std::array<Sample, kMost + 1> samples{};
     const auto [s, t] = tangents(receivers_[vertex].normal);
     std::size_t n = 0;
@@ -158,7 +206,7 @@ LocalRegression::predict(std::int32_t vertex, std::span<const NoisyIlluminance> 
     const auto normal_equations = [&](double curvature, std::size_t first) {
         Normal sum{.a11 = flat, .a22 = flat};
         for (const Sample& p : std::span(samples).first(n).subspan(first)) {
-            sum.add(1.0 / (p.noise + curvature * p.structure), p.x, p.y);
+            sum.add(1.0 / p.spread(curvature), p.x, p.y);
         }
         return sum;
     };
@@ -189,17 +237,23 @@ LocalRegression::predict(std::int32_t vertex, std::span<const NoisyIlluminance> 
     }
     const Normal i = normal_equations(curvature, 1).inverse();
     Vec3d sum;
+    double raised = 0.0; // of the prediction, by a bowl of height 1
     for (const Sample& p : std::span(samples).first(n).subspan(1)) {
-        const double w = (i.a00 + i.a01 * p.x + i.a02 * p.y) / (p.noise + curvature * p.structure);
+        const double w = (i.a00 + i.a01 * p.x + i.a02 * p.y) / p.spread(curvature);
         sum += values[p.vertex].illuminance.as<double>() * w;
+        raised += w * p.structure;
     }
+    const Bowl bowl = fit_bowl(std::span(samples).first(n).subspan(1), i, curvature);
+    const double above = raised * bowl.height / std::max(luminance(sum), 1e-3 * mean);
+    sum = sum * std::clamp(1.0 - above, 0.0, 2.0);
+    const double doubt = i.a00 + raised * raised * bowl.variance;
     const Vec3d predicted{std::max(0.0, sum.x), std::max(0.0, sum.y), std::max(0.0, sum.z)};
     const double noise = (static_cast<double>(own.rays) * static_cast<double>(own.ray_variance) +
                           kPooledRays * variance) /
                          (static_cast<double>(own.rays) + kPooledRays) /
                          static_cast<double>(own.rays);
     const double off = luminance(predicted) - luminance(own.illuminance.as<double>());
-    return {predicted.as<float>(), static_cast<float>(i.a00), static_cast<float>(noise),
+    return {predicted.as<float>(), static_cast<float>(doubt), static_cast<float>(noise),
             static_cast<float>(off * off - noise)};
 }
 
@@ -219,7 +273,7 @@ SmoothIlluminance LocalRegression::blend(std::int32_t vertex,
     const float sum = of.noise + doubt;
     const float share = sum > 0.0F ? of.noise / sum : 0.0F;
     const Vec3f& own = values[vertex].illuminance;
-    return {own + (of.illuminance - own) * share, doubt * share};
+    return {own + (of.illuminance - own) * share, doubt * share, share};
 }
 
 void LocalRegression::fit(std::span<const NoisyIlluminance> values,

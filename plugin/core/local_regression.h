@@ -1,5 +1,6 @@
 // Illuminance that is smoother than its noise: at each vertex a plane through the values around it
-// on its surface, by weighted least squares [Cleveland & Devlin 1988]. A value weighs by its noise
+// on its surface, a bowl where they surely lie on one, by weighted least squares [Cleveland &
+// Devlin 1988]. A value weighs by its noise
 // and by how far light is from a plane at its distance, which the residuals tell: where they are
 // no larger than the noise it averages, where noise is small it keeps each value as it is.
 #pragma once
@@ -21,6 +22,7 @@ struct NoisyIlluminance {
 struct SmoothIlluminance {
     Vec3f illuminance;    // lx by channel
     float variance = 0.0; // lx², photometric, expected square of its error
+    float taken = 0.0;    // share of what the values around tell in it
 };
 
 class LocalRegression {

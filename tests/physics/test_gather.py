@@ -160,6 +160,25 @@ def form_factors(position, normal, points, facing, areas):
     return (cosines / squared**2 * areas).sum() / np.pi
 
 
+def test_the_summit_of_a_hill_of_light_is_not_worn_down(validation):
+    """Below a panel light bends from vertex to vertex; the mean of runs shows the bias alone."""
+    floor = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.25), 0.0)
+    panel = surface(rectangle((-0.25, -0.25, 0.5), (0, 0.5, 0), (0.5, 0, 0), 0.25), 0.5)
+    traced = trace([floor, panel], [luminaire(at=(0, 0, 0.1))], 100)
+    light = np.zeros(len(traced.areas))
+    light[traced.front(1)] = 100.0
+    position = traced.scene.receiver_positions
+    summit = np.flatnonzero((np.hypot(*position.T[:2]) < 0.4) & (position[:, 2] < 0.1))
+    runs = [gathered(traced, light, 1024 * len(light), seed)[0][summit] for seed in range(8)]
+
+    x = (np.arange(64) + 0.5) / 128 - 0.25
+    points = np.array([(a, b, 0.5) for a in x for b in x])
+    down, up = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
+    expected = [50 * form_factors(p, up, points, down, 1 / 128**2) for p in position[summit]]
+    case = "summit of a hill of light, mean of 8 gathers"
+    validation.check(case, np.mean(expected), np.mean(runs), relative=0.005)
+
+
 def test_a_bright_spot_is_seen_by_few_rays():
     """A hundredth of a thousandth of the hemisphere: most vertices' rays miss it."""
     floor = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.25), 0.0)

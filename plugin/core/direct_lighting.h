@@ -37,7 +37,8 @@ class DirectLighting {
 
     // indirect : lx, photometric, one a receiver or none: light from elsewhere, beside which small
     //     errors of direct light don't show
-    // A receiver's outcome depends on its position, normal, mesh and indirect light alone.
+    // A receiver's light depends on its position, normal, mesh and indirect light alone, the error
+    // told also on what shadow rays met at the others.
     DirectIllumination illuminate(std::span<const Receiver> receivers,
                                   std::span<const float> indirect, int threads) const;
 

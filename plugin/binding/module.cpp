@@ -16,6 +16,7 @@ void bind_tone_mapping(nanobind::module_& module);
 NB_MODULE(_core, module) {
     module.doc() = "The compiled part of Isolux: photometry, ray casting and the solver's "
                    "components over arrays.";
+    module.attr("version") = ISOLUX_VERSION;
     bind_authored_mesh(module);
     bind_photometry(module);
     bind_ray_caster(module);

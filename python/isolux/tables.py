@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.console import Console
@@ -13,7 +13,9 @@ from rich.table import Table
 from .output_fields import OUTPUT_FIELDS
 from .scene_description import Finding, FindingAction, LuminaireDescription, SceneDescription
 from .solution import ProgressiveStage
-from .stage_check import Complaint
+
+if TYPE_CHECKING:
+    from .stage_check import Complaint
 
 # Prim paths that a summary of findings shows of each kind.
 _SHOWN_PATHS = 3

@@ -97,6 +97,7 @@ void BrightPatches::look(const Vec3f& position, const Vec3f& normal, std::size_t
     constexpr std::size_t kRays = 16;
     std::array<Ray, kRays> rays;
     std::array<float, kRays> seen{};
+    hits.reserve(hits.size() + count);
     for (std::size_t first = 0; first < count; first += kRays) {
         const std::size_t end = std::min(count, first + kRays);
         const std::size_t begin = hits.size();

@@ -340,13 +340,14 @@ void FinalGather::spend(std::uint64_t end, int threads) {
 // Until light settles.
 void FinalGather::reflect(const KnownLight& light, int threads) {
     for (int i = 0; i < kReflections; ++i) {
-        const std::vector<SmoothIlluminance> before = smooth_;
+        std::vector<float> before(smooth_.size()); // lx
+        std::ranges::transform(smooth_, before.begin(),
+                               [](const SmoothIlluminance& e) { return luminance(e.illuminance); });
         look_up_all(light, threads);
         double change = 0.0, noise = 0.0; // lx² m²
         for (const std::int32_t v : lit_) {
             const double area = scene_.mesh().areas[v];
-            const double now = luminance(smooth_[v].illuminance.as<double>());
-            const double moved = now - luminance(before[v].illuminance.as<double>());
+            const double moved = luminance(smooth_[v].illuminance) - before[v];
             change += area * moved * moved;
             noise += area * static_cast<double>(smooth_[v].variance);
         }

@@ -75,7 +75,7 @@ class PhotonTracing:
         self._scene = scene
         self._settings = settings
         self._threads = threads
-        self._filter: _core.IlluminationFilter | None = None
+        self._filter: _core.IlluminationFilter | None = None  # kept from stage to stage
         self.buckets = _core.PhotonBuckets(scene)
         self.emitted = 0
 
@@ -119,6 +119,10 @@ class PhotonTracing:
         )
         return light, errors
 
+    def end_filtering(self) -> None:
+        """Free what filtering keeps: some 65 bytes a vertex."""
+        self._filter = None
+
 
 class DirectLight:
     """Deterministic direct lighting, DDL, at points [Volevich 2000, §3.1.1]."""
@@ -135,7 +139,7 @@ class DirectLight:
         self.accuracy = accuracy
         self._lighting.aim_at(accuracy)
 
-    @cached_property
+    @property
     def _receivers(self) -> tuple[NDArray[np.float64], Array]:
         """Positions and normals of all vertices; a run of photons alone does without."""
         return self._scene.receiver_positions, self._scene.vertex_normals
@@ -308,11 +312,13 @@ class FinalGather:
         direct : (V, 3), at the vertices
         """
         buckets: Array = photons.buckets.illuminance(self._scene)
+        everything, indirect = buckets.sum(axis=1), buckets[:, 1].copy()
+        del buckets
         found = self._gather.advance(
-            np.ascontiguousarray(buckets.sum(axis=1)),
+            everything,
             ray_budget,
             self._threads,
-            np.ascontiguousarray(buckets[:, 1]),
+            indirect,
             photons.photon_flux,
             direct,
             photons.buckets,

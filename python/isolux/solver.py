@@ -341,6 +341,7 @@ class ProgressiveSolver:
     def _gather_indirect(self, step: StagePlan) -> None:
         """Indirect light gathered from what the photons left."""
         if self._gather is None:
+            self._photons.end_filtering()
             self._gather = FinalGather(self._core_scene, self.settings, self._threads)
         self._take_indirect(self._gather.gather(self._photons, self._light.direct, step.rays))
 

@@ -28,6 +28,7 @@ class SimulatedRun:
     mesh_finished: bool = False
     direct_passes: int = 0
     direct_wanted: int = 1
+    gathered: int = 0
     finishing: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -67,6 +68,7 @@ def made(method, run):
             run.elapsed += run.first_iteration
             run.direct_passes += 1
         if step.component == "gather":
+            run.gathered += step.rays
             run.elapsed += step.rays * run.seconds_per_gather_ray
         out.append(step)
     return out
@@ -131,6 +133,20 @@ def test_the_fewest_rays_are_shown_first_where_photons_are_far_off(error, looks)
 def test_a_first_look_by_few_rays_leaves_the_budget_as_it_is():
     run = run_whose_photons_are_off_by(0.5, SolverSettings(target_error=0, time_budget=60))
     made("composite", run)
+    assert run.elapsed == pytest.approx(60, rel=0.1)
+
+
+def test_the_one_gather_that_is_left_takes_the_time_that_there_is():
+    """A ray takes a quarter of a photon's time, which only a first gather tells."""
+
+    class Run(SimulatedRun):
+        @property
+        def seconds_per_gather_ray(self):
+            return super().seconds_per_gather_ray * (1 if self.gathered else 4)
+
+    run = Run(SolverSettings(target_error=0, time_budget=60, stages=1))
+    every = made("composite", run)
+    assert shown(every) == ["gather"]
     assert run.elapsed == pytest.approx(60, rel=0.1)
 
 

@@ -185,7 +185,8 @@ def _photon_steps(run: Run, component: Component, stages: int) -> Iterator[Stage
 def _gather_steps(run: Run, stages: int) -> Iterator[StagePlan]:
     """Photons, and a gather over their light, until a stopping criterion."""
     gathered, least = 0, LEAST_GATHER_RAYS * run.vertices
-    if stages >= 3 and run.indirect_error > LOOK_ERROR:
+    shown = stages >= 3 and run.indirect_error > LOOK_ERROR
+    if shown:
         stages -= 1
         gathered = least
         yield StagePlan("gather", run.photons, least)
@@ -198,6 +199,12 @@ def _gather_steps(run: Run, stages: int) -> Iterator[StagePlan]:
         if gathered > 0 and run.direct_holds_back and run.elapsed + finer <= goal.seconds:
             yield StagePlan("DDL", run.photons, shown=False)
         photons, rays = goal.photons, math.inf
+        if goal.last and gathered == 0 and goal.seconds < math.inf:
+            # Until rays are timed they count as photons, and half of the time would be left over.
+            quarter = (goal.seconds - run.elapsed) / 4 / run.seconds_per_gather_ray
+            if quarter >= least:
+                gathered = int(quarter)
+                yield StagePlan("gather", run.photons, gathered, shown=False)
         if goal.seconds < math.inf:
             # Both in proportion, as far as the time goes.
             photon, ray = run.seconds_per_photon, run.seconds_per_gather_ray
@@ -205,12 +212,13 @@ def _gather_steps(run: Run, stages: int) -> Iterator[StagePlan]:
             both = left + run.photons * photon + gathered * ray
             photons = min(photons, both // (photon + GATHER_RAYS_PER_PHOTON * ray))
             rays = left / ray
-            if goal.last and gathered > 0 and rays < least:
+            if goal.last and shown and rays < least:
                 return
         run.trace_until(StageGoal(photons, goal.seconds, goal.last), "gather")
         rays = min(rays, GATHER_RAYS_PER_PHOTON * run.photons - gathered)
         step = StagePlan("gather", run.photons, max(least, math.ceil(rays)))
         gathered += step.rays
+        shown = True
         yield step
 
 

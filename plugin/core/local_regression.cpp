@@ -58,9 +58,7 @@ struct Normal {
 struct Sample {
     double x, y, value, noise, structure; // m, m, lx, lx², (d/h)²
     std::int32_t vertex;
-
-    // lx², of its value from a plane
-    double spread(double curvature) const { return noise + curvature * structure; }
+    double weight = 0.0; // 1/lx², by its noise and how far light there is from a plane
 };
 
 // Light that lies above its plane all around, or below: the averages of such are wrong, all the
@@ -70,11 +68,10 @@ struct Bowl {
 };
 
 // inverse : of the plane's normal equations
-Bowl fit_bowl(std::span<const Sample> samples, const Normal& inverse, double curvature) {
+Bowl fit_bowl(std::span<const Sample> samples, const Normal& inverse) {
     std::array<double, 3> values{}, bowls{};
     for (const Sample& p : samples) {
-        const double w = 1.0 / p.spread(curvature);
-        const std::array<double, 3> row{w, w * p.x, w * p.y};
+        const std::array<double, 3> row{p.weight, p.weight * p.x, p.weight * p.y};
         for (std::size_t k = 0; k < 3; ++k) {
             values[k] += row[k] * p.value;
             bowls[k] += row[k] * p.structure;
@@ -85,8 +82,8 @@ Bowl fit_bowl(std::span<const Sample> samples, const Normal& inverse, double cur
     for (const Sample& p : samples) {
         const double r = p.structure - plane[0] - plane[1] * p.x - plane[2] * p.y;
         const double off = p.value - light[0] - light[1] * p.x - light[2] * p.y;
-        both += r * off / p.spread(curvature);
-        square += r * r / p.spread(curvature);
+        both += r * off * p.weight;
+        square += r * r * p.weight;
     }
     if (square <= 0.0) {
         return {};
@@ -200,23 +197,25 @@ LocalRegression::predict(std::int32_t vertex, std::span<const NoisyIlluminance> 
     for (Sample& sample : std::span(samples).first(n)) {
         sample.noise = variance / sample.noise;
         sample.structure /= h2;
+        sample.weight = 1.0 / sample.noise;
     }
     // Slopes up to the mean over the distance of a neighbour.
     const double flat = h2 / std::max(mean * mean, 1e-30);
-    const auto normal_equations = [&](double curvature, std::size_t first) {
+    const auto normal_equations = [&](std::size_t first) {
         Normal sum{.a11 = flat, .a22 = flat};
         for (const Sample& p : std::span(samples).first(n).subspan(first)) {
-            sum.add(1.0 / p.spread(curvature), p.x, p.y);
+            sum.add(p.weight, p.x, p.y);
         }
         return sum;
     };
     // First as if light were a plane: what the residuals are above their noise is its curvature.
     double curvature = 0.0;
+    bool bends = false;
     {
-        const Normal i = normal_equations(0.0, 0).inverse();
+        const Normal i = normal_equations(0).inverse();
         double b0 = 0.0, b1 = 0.0, b2 = 0.0;
         for (const Sample& p : std::span(samples).first(n)) {
-            const double w = p.value / p.noise;
+            const double w = p.value * p.weight;
             b0 += w;
             b1 += w * p.x;
             b2 += w * p.y;
@@ -227,23 +226,27 @@ LocalRegression::predict(std::int32_t vertex, std::span<const NoisyIlluminance> 
         double square = 0.0, structure = 0.0;
         for (const Sample& p : std::span(samples).first(n)) {
             const double off = p.value - a - bx * p.x - by * p.y;
-            square += off * off / p.noise;
-            structure += p.structure / p.noise;
+            square += off * off * p.weight;
+            structure += p.structure * p.weight;
         }
         const double freedom = static_cast<double>(n) - 3.0;
+        bends = square > freedom;
         curvature = structure > 0.0 ? std::max(0.0, square - freedom) / structure : 0.0;
         // As much as chance may have hidden.
         curvature += kHidden * std::sqrt(2.0 * freedom) / std::max(structure, 1e-30);
     }
-    const Normal i = normal_equations(curvature, 1).inverse();
+    for (Sample& sample : std::span(samples).first(n)) {
+        sample.weight = 1.0 / (sample.noise + curvature * sample.structure);
+    }
+    const Normal i = normal_equations(1).inverse();
     Vec3d sum;
     double raised = 0.0; // of the prediction, by a bowl of height 1
     for (const Sample& p : std::span(samples).first(n).subspan(1)) {
-        const double w = (i.a00 + i.a01 * p.x + i.a02 * p.y) / p.spread(curvature);
+        const double w = (i.a00 + i.a01 * p.x + i.a02 * p.y) * p.weight;
         sum += values[p.vertex].illuminance.as<double>() * w;
         raised += w * p.structure;
     }
-    const Bowl bowl = fit_bowl(std::span(samples).first(n).subspan(1), i, curvature);
+    const Bowl bowl = bends ? fit_bowl(std::span(samples).first(n).subspan(1), i) : Bowl{};
     const double above = raised * bowl.height / std::max(luminance(sum), 1e-3 * mean);
     sum = sum * std::clamp(1.0 - above, 0.0, 2.0);
     const double doubt = i.a00 + raised * raised * bowl.variance;

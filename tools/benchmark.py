@@ -1,11 +1,12 @@
 """Measures speed and error of the solver on the demo's office at two densities: `make bench`.
 
-    python tools/benchmark.py [--quick] [--only rates,run,filter] [--threads N]
+    python tools/benchmark.py [--quick] [--only rates,run,filter,slopes] [--threads N]
 
 rates   photon surface events against Embree's bare closest hits of diffuse rays on the same tree,
         slice by slice in turns, and the filter's time after one second of photon tracing; shadow
         rays of direct light against Embree's bare occlusion of rays to the same luminaires
 run     phases of a run, time to the first results on disk, memory
+slopes  how costs grow with elements, luminaires and photons (tools/cost_slopes.py)
 filter  true error of buckets, paper filter and corrected filter by number of photons
 
 Ratios within one run are what counts: on a shared machine the rates themselves come and go.
@@ -29,6 +30,9 @@ from convergence import (
     bucket_illuminance,
     trace,
 )
+from cost_slopes import FULL as FULL_RANGES
+from cost_slopes import QUICK as QUICK_RANGES
+from cost_slopes import measure_slopes
 from numpy.typing import NDArray
 from reference import INDIRECT, TOTAL, PathTracedReference, path_traced_reference
 from solve_runs import phase_seconds, run_solve, seconds_of
@@ -47,7 +51,7 @@ from usd_scenes.office.generate import generate  # noqa: E402
 WORTH_A_LOOK = 0.15  # RMS error of a picture that tells how the room will look
 RAY_SEED = 1
 DIRECT_ACCURACY = 0.01
-MEASURES = ("rates", "run", "filter")
+MEASURES = ("rates", "run", "filter", "slopes")
 
 
 @dataclass(frozen=True, slots=True)
@@ -352,6 +356,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         measure_runs(offices, effort, threads)
     if "filter" in only:
         measure_filter(offices[0], effort, threads)
+    if "slopes" in only:
+        measure_slopes(QUICK_RANGES if options.quick else FULL_RANGES, threads)
 
 
 if __name__ == "__main__":

@@ -91,6 +91,9 @@ double edges_per_radian(double met, double angle_tried) {
     return (1.0 + met) / (1.0 / kEdgesPerRadian + angle_tried);
 }
 
+// Of the visible share, where an edge crosses and n rays agree.
+double missed_variance(double n) { return std::min(kEdgeVariance, kMissedVariance / (n * n * n)); }
+
 } // namespace
 
 // Light at one receiver after another; keeps its memory.
@@ -130,6 +133,8 @@ class DirectLighting::Gathering {
         bool mixed = false;                    // its sibling's shadow rays met something else
         std::int32_t sibling = -1;             // the other half of a cluster just split
         double direct = 0.0;                   // lx
+        std::uint32_t agreed = 0;              // samples that did, before more were tried
+        double agreed_on = 0.0;                // visible share by these
         double known = 0.0, edges = 0.0;       // lx², variance; the second for each edge a radian
 
         double visible() const { return all > 0.0 ? seen / all : 0.0; }
@@ -166,6 +171,7 @@ class DirectLighting::Gathering {
     double indirect_ = 0.0;                           // lx
     double direct_ = 0.0, known_ = 0.0, edges_ = 0.0; // sums over the shares
     double edges_met_ = 0.0, angle_tried_ = 0.0;      // 1, rad
+    double found_ = 0.0, sought_ = 0.0; // the same, by more shadow rays to one luminaire
     std::uint64_t shadow_rays_ = 0;
     std::vector<Share> shares_;
     std::vector<std::int32_t> pending_; // shares that want shadow rays
@@ -184,7 +190,7 @@ DirectLighting::Gathering::Found DirectLighting::Gathering::gather(const Receive
     receiver_ = receiver;
     key_ = position_key(receiver.position) ^ mix64(lighting_.settings_.seed);
     indirect_ = indirect;
-    direct_ = known_ = edges_ = edges_met_ = angle_tried_ = 0.0;
+    direct_ = known_ = edges_ = edges_met_ = angle_tried_ = found_ = sought_ = 0.0;
     shadow_rays_ = 0;
     shares_.clear();
     pending_.clear();
@@ -222,13 +228,9 @@ DirectLighting::Gathering::Found DirectLighting::Gathering::gather(const Receive
         sum += lighting_.luminaires_[s.luminaire].luminaire().colour * static_cast<float>(s.direct);
         known_ += s.known;
         edges_ += s.edges;
-        // An edge that crosses a luminaire shows in some of its rays, the sooner the more they are.
-        if (s.cluster == nullptr && s.all > 0.0) {
-            edges_met_ += s.decided() ? 0.0 : 1.0;
-            angle_tried_ += s.angle * (1.0 - 1.0 / std::sqrt(static_cast<double>(s.samples)));
-        }
     }
-    return {sum, known_ + sky_variance, edges_, edges_met_, angle_tried_, shadow_rays_};
+    return {sum,         known_ + sky_variance, edges_, edges_met_ + found_, angle_tried_ + sought_,
+            shadow_rays_};
 }
 
 double DirectLighting::Gathering::allowed() const { return lighting_.allowed(direct_ + indirect_); }
@@ -335,6 +337,8 @@ void DirectLighting::Gathering::refine() {
             split(index);
         } else {
             s.wanted = 2 * s.samples;
+            s.agreed = s.decided() ? s.samples : 0;
+            s.agreed_on = s.visible();
             pending_.push_back(index);
         }
     }
@@ -402,12 +406,19 @@ void DirectLighting::Gathering::settle() {
         Share& s = shares_[i];
         const double n = std::max(1.0, static_cast<double>(s.samples));
         const double squared = s.expected * s.expected;
+        // What rays that agreed had missed, in edges: what one is thought to hide from them. As
+        // many again show half of its square where they are like independent ones, as the first two
+        // are.
+        if (s.agreed > 0) {
+            const double missed = s.visible() - s.agreed_on;
+            found_ += 2.0 * missed * missed / kEdgeVariance;
+            sought_ += s.angle * missed_variance(s.agreed) / kEdgeVariance;
+            s.agreed = 0;
+        }
         const bool mixed = (s.cluster != nullptr && s.mixed) || !s.decided();
         s.direct = s.unoccluded * s.visible();
         s.known = s.geometry + (mixed ? squared * kMixedVariance / (n * std::sqrt(n)) : 0.0);
-        s.edges = mixed
-                      ? 0.0
-                      : squared * s.angle * std::min(kEdgeVariance, kMissedVariance / (n * n * n));
+        s.edges = mixed ? 0.0 : squared * s.angle * missed_variance(n);
         direct_ += s.direct;
         known_ += s.known;
         edges_ += s.edges;

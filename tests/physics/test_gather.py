@@ -5,7 +5,7 @@ import pytest
 from usd_scenes.furnace_sphere.generate import icosphere
 from usd_scenes.shapes import box, rectangle
 
-from core_scenes import luminaire, surface, trace
+from core_scenes import luminaire, retrace, surface, trace
 from isolux import _core
 from validation.rows import GLOBAL
 
@@ -114,6 +114,27 @@ def test_the_reported_error_is_the_true_one(rays):
         errors.append(np.sqrt(np.average((indirect - truth) ** 2, weights=traced.areas)))
         reported.append(found["indirect_rms"])
     assert np.mean(reported) == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=0.4)
+
+
+def test_the_noise_of_the_photons_that_lit_a_room_is_told():
+    """Furnace: direct light is known, rays all see the same; what is off, photons brought."""
+    traced = trace([surface(icosphere(2).flipped(), 0.6)], [luminaire(1000.0)], 1000)
+    direct = 1000 / traced.areas.sum()
+    known = np.full((len(traced.areas), 3), direct, np.float32)
+    squares, reported = [], []
+    for seed in range(24):
+        photons = retrace(traced, 10_000, seed)
+        buckets = np.repeat(photons.illuminance[:, :, None], 3, axis=2).astype(np.float32)
+        found = _core.FinalGather(traced.scene, seed).advance(
+            buckets.sum(axis=1), 64 * len(traced.areas), 2, np.ascontiguousarray(buckets[:, 1]),
+            photons.photon_flux, known, photons.buckets,
+        )  # fmt: skip
+        off = found["indirect"] @ WEIGHTS - direct * 0.6 / 0.4
+        squares.append(np.average(off**2, weights=traced.areas))
+        reported.append(found["indirect_rms"])
+    assert np.sqrt(np.mean(np.square(reported))) == pytest.approx(
+        np.sqrt(np.mean(squares)), rel=0.2
+    )
 
 
 def test_a_floor_of_two_triangles_reflects_the_pool_of_light_on_it():

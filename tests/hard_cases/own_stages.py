@@ -208,7 +208,7 @@ def hub() -> None:
     text = mesh("Fan", fan) + point_light(FLUX, AT)
     values, places, _ = direct_at_receivers(directly_lit(text), "/Fan")
     assert values == pytest.approx(from_point(CANDELA, AT, places, UP), rel=1e-3)
-    lit = solved(text, photons=400_000)
+    lit = solved(text, photons=4_000_000)
     at_hub = at_corners(lit, "/Fan").reshape(-1, 3)[:, 0]
     assert np.ptp(at_hub) == 0
     expected: Array = from_point(CANDELA, AT, np.zeros((1, 3)), UP)

@@ -91,7 +91,8 @@ def far_away() -> None:
     for path in ("/Room", "/Block"):
         expected = means(near, path)[0]
         assert means(far, "/Moved" + path)[0] == pytest.approx(expected, rel=1e-4)
-    photons = solved(text), solved(away)
+    # Some fall into the next bucket by the last bits of their place, and the filter has to follow.
+    photons = [solved(each, photons=2_000_000) for each in (text, away)]
     assert means(photons[1], "/Moved/Room") == pytest.approx(means(photons[0], "/Room"), rel=1e-4)
 
 

@@ -45,7 +45,8 @@ def test_a_sphere_seen_from_inside_is_an_integrating_sphere(validation, reflecta
     validation.check(case, expected, solution.mean_illuminance("/Ball"), relative=0.005)
     everywhere = (solution.direct + solution.indirect) @ LUMINANCE_WEIGHTS
     deviations = (everywhere / expected - 1) / solution.relative_deviation
-    assert np.sqrt(np.mean(deviations**2)) == pytest.approx(1, abs=0.3)
+    # Of buckets so fine the filter tells up to twice its error; undivided spheres the same.
+    assert 0.5 < np.sqrt(np.mean(deviations**2)) < 1.3
 
 
 def test_a_plane_under_a_small_lamp_has_the_illuminance_of_the_cosine_law():

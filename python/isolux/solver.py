@@ -13,7 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Usd
 
 from .adaptation import SceneAdaptation
@@ -34,17 +33,17 @@ from .components import (
     photometric,
 )
 from .composite import chosen_method, steps
-from .core_scene import build_core_scene, mesh_layouts
+from .core_scene import build_core_scene
 from .dark_stages import no_light_arrives, what_is_dark
 from .errors import SettingsError
-from .illumination import Illumination, relative_deviation
-from .mesh_division import MeshDivision, scene_layouts
+from .illumination import Illumination
 from .photon_findings import coarse_meshes, enclosed_luminaires, inside_out_meshes
 from .progress import SolveProgress, Watch, done_fraction
 from .scene_description import Finding, SceneDescription
 from .schedule import Component, StageGoal, StagePlan
 from .settings import SolverSettings, settings_from_stage
-from .solution import DividedLight, ProgressiveStage, RefinedMesh, Solution
+from .solution import ProgressiveStage, RefinedMesh, Solution
+from .solved_mesh import SolvedMesh
 from .stage_reader import read_source
 from .target_error import TargetError
 
@@ -83,7 +82,6 @@ class ProgressiveSolver:
         # Radiosity divides by itself; where nothing reflects, direct lighting needs no elements.
         divide = self.method != "ddl+hpr" and (self.reflects or self.method == "dept")
         self._core_scene = build_core_scene(scene, settings, self._threads, divide=divide)
-        self._division = MeshDivision.of(self._core_scene)
         self.vertices = int(self._core_scene.vertex_count)
         elements = self._core_scene.element_count
         self._lit = elements > 0 and self._core_scene.luminous_flux > 0
@@ -95,17 +93,12 @@ class ProgressiveSolver:
                 f"ddl+hpr for {elements:,} mesh elements",
                 f"at most {RADIOSITY_ELEMENTS:,}, beyond which a reflection takes minutes",
             )
-        self._layouts = mesh_layouts(scene, self._core_scene)
-        self._areas: NDArray[np.float64] = self._core_scene.told_areas
-        self._scene_layouts, self._scene_areas = self._layouts, self._areas
-        if self._division is not None:
-            self._scene_layouts = scene_layouts(self._layouts)
-            self._scene_areas = self._areas[self._division.vertices]
+        self._solved = SolvedMesh(scene, self._core_scene)
         self._photons = PhotonTracing(self._core_scene, settings, self._threads)
         self._direct = DirectLight(self._core_scene, settings, self._threads)
         if self.method == "composite" and self.reflects and settings.output_mode == "vertex":
             self._direct.aim_at(FIRST_DIRECT_ACCURACY)
-        self._light = Illumination(self._areas)
+        self._light = Illumination(self._solved.areas)
         self._filtered: FilteredLight | None = None
         self._filtered_photons = 0
         self._bucket_errors = BucketErrors()
@@ -195,16 +188,16 @@ class ProgressiveSolver:
         meshes = self.scene.meshes
         found = [
             *inside_out_meshes(
-                meshes, self._layouts, hits, self._photons.buckets.ends["back_hits"]
+                meshes, self._solved.layouts, hits, self._photons.buckets.ends["back_hits"]
             ),
             *enclosed_luminaires(self.scene, self._core_scene),
             *self._target.findings(),
         ]
         if self._switchover[2] == 0:  # no direct light but the photons'
             return tuple(found)
-        direct_flux = photometric(self._light.direct) * self._areas
+        direct_flux = photometric(self._light.direct) * self._solved.areas
         coarse = coarse_meshes(
-            meshes, self._layouts, hits[:, 0], self._photons.photon_flux, direct_flux
+            meshes, self._solved.layouts, hits[:, 0], self._photons.photon_flux, direct_flux
         )
         return (*found, *coarse)
 
@@ -321,13 +314,13 @@ class ProgressiveSolver:
             self._sharpen_direct(DIRECT_ACCURACY)
         if self._mesh is None:
             self._mesh = AdaptiveMesh(self._core_scene)
-        adaptation = SceneAdaptation(self.scene.meshes, self._scene_layouts)
-        total = light.total if self._division is None else light.total[self._division.vertices]
+        solved = self._solved
+        adaptation = SceneAdaptation(self.scene.meshes, solved.scene_layouts)
         self._mesh.begin(
             light.direct,
             light.direct_error,
             light.indirect,
-            adaptation.luminance(total, self._scene_areas),
+            adaptation.luminance(solved.at_scene(light.total), solved.scene_areas),
             threshold,
             self._filtered,
         )
@@ -389,27 +382,6 @@ class ProgressiveSolver:
         light = self._light
         error = light.rms_error
         self._error = None if math.isnan(error) else error
-        refined, direct, direct_error = self._refined or (None, light.direct, light.direct_error)
-        if refined is None and self._division and self.settings.output_mode == "refined":
-            refined = self._division.unsplit()
-        indirect, indirect_error = light.indirect, light.indirect_error
-        if refined is not None:
-            indirect = refined.interpolate(indirect)
-            indirect_error = refined.interpolate(indirect_error)
-        support_radius, divided = light.support_radius, None
-        if self._division is not None:
-            divided = DividedLight(
-                self._layouts,
-                light.direct,
-                light.indirect,
-                relative_deviation(light.total, light.direct_error, light.indirect_error),
-                self._core_scene.vertex_areas,
-            )
-            order = self._division.order(refined)
-            direct, direct_error = direct[order], direct_error[order]
-            indirect, indirect_error = indirect[order], indirect_error[order]
-            support_radius = support_radius[self._division.vertices]
-            refined = refined and self._division.over_scene(refined)
         ends = self._photons.buckets.ends
         t1, t1_photons, t2 = self._switchover
         stage = ProgressiveStage(
@@ -419,7 +391,9 @@ class ProgressiveSolver:
             rays=ends["rays"],
             shadow_rays=self._direct.shadow_rays,
             indirect_rays=self._indirect_rays,
-            elements=self._core_scene.element_count if refined is None else len(refined.elements),
+            elements=len(self._refined[0].elements)
+            if self._refined
+            else self._core_scene.element_count,
             elapsed=self.elapsed,
             rms_error=error,
             rms_error_indirect=self.indirect_error,
@@ -435,18 +409,8 @@ class ProgressiveSolver:
             split_by_links=ends["split"],
             absorbed_by_links=ends["unlit"],
         )
-        return Solution(
-            stage=stage,
-            scene=self.scene,
-            layouts=self._scene_layouts,
-            direct=direct,
-            indirect=indirect,
-            relative_deviation=relative_deviation(direct + indirect, direct_error, indirect_error),
-            support_radius=support_radius,
-            vertex_areas=self._scene_areas,
-            refined=refined,
-            divided=divided,
-            steps=tuple(self._steps),
+        return self._solved.solution(
+            stage, self._steps, light, self._refined, self.settings.output_mode == "refined"
         )
 
 

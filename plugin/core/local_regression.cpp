@@ -247,7 +247,8 @@ LocalRegression::predict(std::int32_t vertex, std::span<const NoisyIlluminance> 
         raised += w * p.structure;
     }
     const Bowl bowl = bends ? fit_bowl(std::span(samples).first(n).subspan(1), i) : Bowl{};
-    const double above = raised * bowl.height / std::max(luminance(sum), 1e-3 * mean);
+    const double least = std::max(1e-3 * mean, 1e-30);
+    const double above = raised * bowl.height / std::max(luminance(sum), least);
     sum = sum * std::clamp(1.0 - above, 0.0, 2.0);
     const double doubt = i.a00 + raised * raised * bowl.variance;
     const Vec3d predicted{std::max(0.0, sum.x), std::max(0.0, sum.y), std::max(0.0, sum.z)};

@@ -15,6 +15,7 @@ from isolux.scene_description import GoniometricDiagram
 
 FLUX = 1000.0  # lm
 BATCHES = 16
+SAMPLES = 64  # of all luminaires together
 
 
 def tracer_of(meshes, luminaires):
@@ -134,7 +135,7 @@ def test_direct_light_of_each_shape(shape, size, point, normal, area, factor):
     away = surface(rectangle((50, 50, 0), (1, 0, 0), (0, 1, 0), 1.0))
     tracer = tracer_of([away], [luminaire(FLUX, shape=shape, size=size)])
     at = np.array([point], float), np.array([normal])
-    light, error = mean_and_error(lambda random: tracer.direct(*at, random)[0, 0])
+    light, error = mean_and_error(lambda random: tracer.direct(*at, SAMPLES, random)[0, 0])
     assert light == pytest.approx(FLUX / area * factor, abs=4 * error + 1e-4 * light)
     assert error < 0.01 * light
 
@@ -147,7 +148,7 @@ def test_point_source_of_cie_171_case_5_2():
     floor = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 1.0))
     points = np.array([(0, 0, 0), (0.5, 0, 0), (1, 0, 0), (1.5, 0, 0), (1.5, 1.5, 0)])
     tracer = tracer_of([floor], [source])
-    light = tracer.direct(points, np.tile(UP, (5, 1)), np.random.default_rng(1))[:, 0]
+    light = tracer.direct(points, np.tile(UP, (5, 1)), SAMPLES, np.random.default_rng(1))[:, 0]
     # The diagram is of relative intensity: it is scaled to the flux.
     assert light == pytest.approx(2 * np.array([111.11, 105.21, 90.02, 71.11, 49.39]), rel=1e-3)
 
@@ -169,7 +170,7 @@ def test_all_flux_arrives_on_the_walls(shape, size, with_a_diagram):
     room = surface(box((2, 2, 2), 1.0).flipped())
     tracer = tracer_of([room], [source])
     light, error = mean_and_error(
-        lambda random: tracer.direct(*on_walls(random, 8, 2.0), random)[:, 0].mean()
+        lambda random: tracer.direct(*on_walls(random, 8, 2.0), SAMPLES, random)[:, 0].mean()
     )
     assert light * 24 == pytest.approx(FLUX, abs=4 * 24 * error)
     assert error < 0.005 * light
@@ -194,7 +195,7 @@ def test_a_blocker_leaves_a_shadow_and_light_around_it():
     blocker = rectangle((-0.5, -0.5, 1), (1, 0, 0), (0, 1, 0), 1.0)  # half as high as the lamp
     tracer = tracer_of([surface(merge(floor, blocker))], [luminaire(FLUX, (0, 0, 2))])
     points = np.array([(0, 0, 0), (0.95, 0.95, 0), (1.05, 0, 0), (1.8, 1.8, 0)])
-    light = tracer.direct(points, np.tile(UP, (4, 1)), np.random.default_rng(1))[:, 0]
+    light = tracer.direct(points, np.tile(UP, (4, 1)), SAMPLES, np.random.default_rng(1))[:, 0]
     open_light = FLUX / (4 * np.pi) * 2 / ((points**2).sum(axis=1) + 4) ** 1.5
     assert light == pytest.approx(open_light * [0, 0, 1, 1], rel=1e-3)
 

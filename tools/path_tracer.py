@@ -49,11 +49,12 @@ class PathTracer:
         self._emitters = Emitters(scene.luminaires, self._offset)
         self._choice = LuminaireChoice(self._emitters, low, high)
 
-    def direct(self, positions: Array, normals: Array, random: np.random.Generator) -> Array:
-        """(n, 3) lx by channel: jittered samples of each luminaire."""
+    def direct(
+        self, positions: Array, normals: Array, samples: int, random: np.random.Generator
+    ) -> Array:
+        """(n, 3) lx by channel: jittered samples of each luminaire, about so many of all."""
         emitters = self._emitters
-        # Few luminaires get more samples each.
-        strata = int(np.clip(np.sqrt(128 / emitters.count), 1, 8))
+        strata = max(1, int(np.sqrt(samples / emitters.count)))
         per_point = emitters.count * strata**2
         which = np.repeat(np.arange(emitters.count), strata**2)
         out = np.zeros((len(positions), 3))

@@ -284,7 +284,7 @@ void FinalGather::smooth(int threads) {
     // Planes fall short of light that drops towards an edge: each side keeps the mean of its rays.
     // A vertex whose own rays are sure has lost nothing, and takes no part.
     const auto taken = [&](std::int32_t v) { return std::sqrt(smooth_[v].taken); };
-    std::vector<std::array<double, 2>> flux(6 * scene_.mesh().meshes.size()); // lm: lost, taken
+    std::vector<std::array<double, 2>> flux(mesh_side_count(scene_.mesh())); // lm: lost, taken
     for (const std::int32_t v : lit_) {
         const double area = scene_.mesh().areas[v];
         const double fitted = luminance(smooth_[v].illuminance.as<double>());

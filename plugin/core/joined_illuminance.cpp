@@ -16,15 +16,19 @@ constexpr double kPhotonsOfSide = 1000.0;
 constexpr double kLeastVisible = 0.125;
 // Independent points that would tell the visible share as well as those of a sequence.
 constexpr double kVisiblePoints = 256.0;
+// Of a mesh, by the axis that they face along, both ways.
+constexpr std::size_t kSides = 6;
 
 } // namespace
+
+std::size_t mesh_side_count(const IlluminationMesh& mesh) { return kSides * mesh.meshes.size(); }
 
 std::size_t mesh_side(const Receiver& receiver) {
     const Vec3f& n = receiver.normal;
     const float x = std::abs(n.x), y = std::abs(n.y), z = std::abs(n.z);
     const std::size_t axis = x >= y && x >= z ? 0U : (y >= z ? 1U : 2U);
     const float along = std::array{n.x, n.y, n.z}[axis];
-    return 6 * static_cast<std::size_t>(receiver.mesh) + 2 * axis + (along < 0.0F ? 1U : 0U);
+    return kSides * static_cast<std::size_t>(receiver.mesh) + 2 * axis + (along < 0.0F ? 1U : 0U);
 }
 
 JoinedIlluminance joined_illuminance(const IlluminationMesh& mesh,
@@ -33,7 +37,7 @@ JoinedIlluminance joined_illuminance(const IlluminationMesh& mesh,
                                      const TwoEstimates& light) {
     const auto& [counted, photon_flux, known, variance] = light;
     const std::vector<double>& areas = mesh.areas;
-    const std::size_t sides = 6 * mesh.meshes.size();
+    const std::size_t sides = mesh_side_count(mesh);
     JoinedIlluminance joined_light{
         {known.begin(), known.end()}, {variance.begin(), variance.end()}, {}};
     joined_light.side_flux.resize(sides);

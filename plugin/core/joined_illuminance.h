@@ -23,6 +23,7 @@ struct TwoEstimates {
 };
 
 // Vertices of a mesh that face the same way: a floor, a wall, a ceiling. Six a mesh.
+std::size_t mesh_side_count(const IlluminationMesh& mesh);
 std::size_t mesh_side(const Receiver& receiver);
 
 struct JoinedIlluminance {

@@ -29,7 +29,7 @@ SideLight side_light(const IlluminationMesh& mesh, std::span<const Receiver> rec
     for (const LightPath path : kPaths) {
         const auto p = static_cast<std::size_t>(path);
         auto& sides = out.deviations[p];
-        sides.resize(6 * mesh.meshes.size());
+        sides.resize(mesh_side_count(mesh));
         out.kept[p].resize(sides.size());
         for (std::size_t v = 0; v < receivers.size(); ++v) {
             const auto counts = buckets.batch_hit_counts(static_cast<std::int32_t>(v), path);

@@ -71,13 +71,10 @@ double photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> rece
     for (std::size_t r = 0; r < records.size(); r += step) {
         const GatherRecord& record = records[r];
         hit.clear();
-        const auto count = [&](std::int32_t v) {
-            if (v >= 0 && counts[v]++ == 0) {
+        for (const std::int32_t v : record.hits) { // those beyond the vertices are bright patches
+            if (v >= 0 && static_cast<std::size_t>(v) < vertices && counts[v]++ == 0) {
                 hit.push_back(v);
             }
-        };
-        for (const std::int32_t v : record.hits) {
-            count(static_cast<std::size_t>(std::max(v, 0)) < vertices ? v : -1);
         }
         const double n = record.rays();
         Deviations off{};

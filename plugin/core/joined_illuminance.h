@@ -29,8 +29,8 @@ std::size_t mesh_side(const Receiver& receiver);
 struct JoinedIlluminance {
     std::vector<Vec3f> illuminance; // lx by channel
     std::vector<double> variance;   // lx², photometric, by chance at one vertex
-    std::vector<double>
-        side_flux; // lm; one photon more on a side of a mesh: 1/lm more of its light
+    // lm, one a side of a mesh, whose light one photon more there raises by its flux over this.
+    std::vector<double> side_flux;
 };
 
 // lit : vertices that light can reach; the others keep what is known

@@ -1,8 +1,8 @@
 // Illuminance that is smoother than its noise: at each vertex a plane through the values around it
 // on its surface, a bowl where they surely lie on one, by weighted least squares [Cleveland &
-// Devlin 1988]. A value weighs by its noise
-// and by how far light is from a plane at its distance, which the residuals tell: where they are
-// no larger than the noise it averages, where noise is small it keeps each value as it is.
+// Devlin 1988]. A value weighs by its noise and by how far light is from a plane at its distance,
+// which the residuals tell: where they are no larger than the noise it averages, where noise is
+// small it keeps each value as it is.
 #pragma once
 
 #include <cstdint>

@@ -11,10 +11,10 @@ namespace isolux {
 namespace {
 
 // An element may be so large a share of all surfaces: no power of two, which halves of halves would
-// meet but for rounding. RMS errors: cornell_sphere, whose five walls are a quad each, of 99 %, 9.1
-// % undivided after 15 s of one core, with 1/1250 4.7 % after 8.6 s, with 1/5000 2.4 % then, with
-// 1/20000 not before 12 s; a Cornell box of 286 triangles 1.23 %, 0.24 % with 1/1000 and 1/4000,
-// 0.32 % with 1/16000 after 5 s.
+// meet but for rounding. RMS errors: cornell_sphere, whose five walls are a quad each, of 99 %,
+// 9.1 % undivided after 15 s of one core, with 1/1250 4.7 % after 8.6 s, with 1/5000 2.4 % then,
+// with 1/20000 not before 12 s; a Cornell box of 286 triangles 1.23 %, 0.24 % with 1/1000 and
+// 1/4000, 0.32 % with 1/16000 after 5 s.
 constexpr double kLargest = 1.0 / 5000.0;
 // Of two diagonals the second has to be shorter by more than rounding.
 constexpr double kShorter = 1.0 - 0x1p-20;

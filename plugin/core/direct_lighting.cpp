@@ -48,6 +48,14 @@ std::uint64_t position_key(const Vec3d& p) {
         mix64(std::bit_cast<std::uint64_t>(p.y) ^ mix64(std::bit_cast<std::uint64_t>(p.z))));
 }
 
+// What is known beforehand counts like one edge.
+double edges_per_radian(double met, double angle_tried) {
+    return (1.0 + met) / (1.0 / kEdgesPerRadian + angle_tried);
+}
+
+// Of the visible share, where an edge crosses and n rays agree.
+double missed_variance(double n) { return std::min(kEdgeVariance, kMissedVariance / (n * n * n)); }
+
 double mean_illuminance(const Scene& scene) {
     double area = 0.0;
     for (const double a : scene.mesh().areas) {
@@ -83,18 +91,6 @@ double DirectLighting::allowed(double total) const {
     return settings_.accuracy *
            std::clamp(total, kDark * mean_illuminance_, kBright * mean_illuminance_);
 }
-
-namespace {
-
-// What is known beforehand counts like one edge.
-double edges_per_radian(double met, double angle_tried) {
-    return (1.0 + met) / (1.0 / kEdgesPerRadian + angle_tried);
-}
-
-// Of the visible share, where an edge crosses and n rays agree.
-double missed_variance(double n) { return std::min(kEdgeVariance, kMissedVariance / (n * n * n)); }
-
-} // namespace
 
 // Light at one receiver after another; keeps its memory.
 class DirectLighting::Gathering {

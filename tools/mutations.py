@@ -147,7 +147,7 @@ MUTATIONS = (
     ),
     Mutation(
         "of many luminaires one that does not stand for the others",
-        _CORE + "direct_lighting.cpp",
+        _CORE + "shadow_testing.cpp",
         "unoccluded / probability, &cluster",
         "unoccluded, &cluster",
         "tests/test_direct_lighting.py tests/physics/test_direct_illuminance.py",

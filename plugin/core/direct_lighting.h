@@ -4,14 +4,11 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
 #include <span>
 #include <vector>
 
-#include "core/light_tree.h"
-#include "core/luminaire_illuminance.h"
 #include "core/scene.h"
-#include "core/sky_lighting.h"
+#include "core/shadow_testing.h"
 
 namespace isolux {
 
@@ -33,7 +30,7 @@ class DirectLighting {
   public:
     DirectLighting(const Scene& scene, const DirectLightingSettings& settings);
 
-    void aim_at(double accuracy) { settings_.accuracy = accuracy; }
+    void aim_at(double accuracy) { sources_.accuracy = accuracy; }
 
     // indirect : lx, photometric, one a receiver or none: light from elsewhere, beside which small
     //     errors of direct light don't show
@@ -43,18 +40,7 @@ class DirectLighting {
                                   std::span<const float> indirect, int threads) const;
 
   private:
-    class Gathering;
-
-    // Standard error, lx, at which shadow rays stop where the total illuminance is so much.
-    double allowed(double total) const;
-
-    const Scene& scene_;
-    DirectLightingSettings settings_;
-    std::vector<LuminaireIlluminance> luminaires_; // with links or infinitely far: last
-    std::vector<const Luminaire*> skies_;          // beside them, that SkyLighting takes
-    std::optional<LightTree> tree_;                // of many luminaires, finite and without links
-    std::size_t in_tree_ = 0;                      // the first of luminaires_
-    double mean_illuminance_;                      // lx, if all light arrived
+    DirectSources sources_;
 };
 
 } // namespace isolux

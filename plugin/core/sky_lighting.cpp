@@ -17,7 +17,7 @@ constexpr double kPi = std::numbers::pi;
 // Directions from a receiver, powers of 2: at first, and at most.
 constexpr std::uint32_t kFirstSamples = 64, kMostSamples = 1024;
 // Variance that n directions that agree leave open, times n³, in units of the squared illuminance:
-// two edges for each radian of a dome, of which DirectLighting's figure is missed.
+// two edges for each radian of a dome, of which ShadowTesting's figure is missed.
 constexpr double kMissedVariance = 1.0;
 // Half the angle of a cone from which on its shadow rays are counted like a dome's, rad.
 constexpr double kWide = 0.05;

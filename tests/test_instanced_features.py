@@ -29,7 +29,8 @@ from instanced_stages import (
     shown_meshes,
     world_points,
 )
-from isolux.cage_results import BOUNDED_ACCURACY, CageFits, CageOutput
+from isolux.cage_fit import BOUNDED_ACCURACY
+from isolux.cage_results import CageFits, CageOutput
 from isolux.cli import app
 from isolux.preview_layer import write_preview
 from isolux.scene_description import SceneDescription

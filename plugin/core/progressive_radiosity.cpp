@@ -37,7 +37,9 @@ Vec3d reflected(const RadiosityNode& leaf, const Surface& surface, const Vec3d& 
     return surface.reflectance.as<double>() * illuminance * solid_share(leaf, surface);
 }
 
-Exitance exitance_of(const Vec3d& colour) { return {colour, luminance(colour), luminance(colour)}; }
+NodeExitance exitance_of(const Vec3d& colour) {
+    return {colour, luminance(colour), luminance(colour)};
+}
 
 std::uint64_t position_key(const Receiver& receiver) {
     const auto bits = [](double x) { return std::bit_cast<std::uint64_t>(x); };
@@ -231,14 +233,14 @@ bool ProgressiveRadiosity::one_sided(std::int32_t element) const {
 }
 
 // From the leaves to all nodes.
-void ProgressiveRadiosity::pull(std::vector<Exitance>& exitance) const {
+void ProgressiveRadiosity::pull(std::vector<NodeExitance>& exitance) const {
     for (std::size_t i = hierarchy_.nodes.size(); i-- > 0;) {
         const RadiosityNode& node = hierarchy_.nodes[i];
         if (node.leaf()) {
             continue;
         }
         const std::int32_t child = node.first_child;
-        Exitance sum{{}, exitance[child].low, exitance[child].high};
+        NodeExitance sum{{}, exitance[child].low, exitance[child].high};
         for (std::int32_t k = child; k < child + node.child_count(); ++k) {
             sum.mean += exitance[k].mean * (hierarchy_.nodes[k].area / node.area);
             sum.low = std::min(sum.low, exitance[k].low);
@@ -249,7 +251,7 @@ void ProgressiveRadiosity::pull(std::vector<Exitance>& exitance) const {
 }
 
 // lm, photometric
-double ProgressiveRadiosity::flux(const std::vector<Exitance>& exitance) const {
+double ProgressiveRadiosity::flux(const std::vector<NodeExitance>& exitance) const {
     return hierarchy_.nodes.empty()
                ? 0.0
                : luminance(exitance.front().mean) * hierarchy_.nodes.front().area;

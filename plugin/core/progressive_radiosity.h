@@ -57,14 +57,14 @@ class ProgressiveRadiosity {
   private:
     void find_losses(int threads);
     bool one_sided(std::int32_t element) const;
-    void pull(std::vector<Exitance>& exitance) const;
-    double flux(const std::vector<Exitance>& exitance) const;
+    void pull(std::vector<NodeExitance>& exitance) const;
+    double flux(const std::vector<NodeExitance>& exitance) const;
 
     const Scene& scene_;
     RadiositySettings settings_;
     RadiosityHierarchy hierarchy_;
-    std::vector<Exitance> unshot_, total_; // one a node
-    std::vector<Vec3d> received_;          // lx, one a node, of the current sweep
+    std::vector<NodeExitance> unshot_, total_; // one a node
+    std::vector<Vec3d> received_;              // lx, one a node, of the current sweep
     std::vector<double> lost_; // one a leaf: share of what it shoots that nothing receives
     ShootingProgress progress_;
     std::uint64_t sweep_ = 0;

@@ -49,7 +49,7 @@ struct Sampled {
 class Exchange {
   public:
     Exchange(const Scene& scene, const RadiosityHierarchy& hierarchy,
-             std::span<const Exitance> exitance, double tolerance, std::uint64_t seed)
+             std::span<const NodeExitance> exitance, double tolerance, std::uint64_t seed)
         : caster_(scene.ray_caster()), nodes_(hierarchy.nodes), exitance_(exitance),
           tolerance_(tolerance), seed_(seed) {}
 
@@ -166,7 +166,7 @@ class Exchange {
 
     // Too coarse a source: its light is uneven, or comes from too wide a region.
     bool coarse(double form_factor, std::int32_t s) const {
-        const Exitance& light = exitance_[s];
+        const NodeExitance& light = exitance_[s];
         return !nodes_[s].leaf() && (form_factor * (light.high - light.low) > tolerance_ ||
                                      form_factor * light.high > kLargestShare * tolerance_);
     }
@@ -174,7 +174,7 @@ class Exchange {
     // Takes the source's light at a point, or for a leaf, or puts off the source's children.
     void take_at(const RayOrigins& origins, std::int32_t s, std::uint64_t key,
                  PointIlluminance& out) {
-        const Exitance& light = exitance_[s];
+        const NodeExitance& light = exitance_[s];
         if (light.high <= 0.0 || !may_see(origins, 0.0, s)) {
             return;
         }
@@ -218,7 +218,7 @@ class Exchange {
     bool take_onto(std::int32_t r, const RayOrigins& origins, std::int32_t s,
                    std::array<Vec3d, 3>& linear, double& slack) {
         const RadiosityNode& receiver = nodes_[r];
-        const Exitance& light = exitance_[s];
+        const NodeExitance& light = exitance_[s];
         const bool larger = nodes_[s].area > receiver.area;
         if (nodes_[s].cluster()) {
             if (faint(origins, receiver.radius, s)) {
@@ -399,7 +399,7 @@ class Exchange {
 
     const RayCaster& caster_;
     const std::vector<RadiosityNode>& nodes_;
-    std::span<const Exitance> exitance_;
+    std::span<const NodeExitance> exitance_;
     double tolerance_;
     std::uint64_t seed_;
     std::vector<std::int32_t> pending_;
@@ -408,7 +408,7 @@ class Exchange {
 } // namespace
 
 RadiosityExchange::RadiosityExchange(const Scene& scene, const RadiosityHierarchy& hierarchy,
-                                     std::span<const Exitance> exitance, double tolerance,
+                                     std::span<const NodeExitance> exitance, double tolerance,
                                      std::uint64_t seed)
     : scene_(scene), hierarchy_(hierarchy), exitance_(exitance), tolerance_(tolerance),
       seed_(mix64(seed)) {}

@@ -13,8 +13,8 @@
 
 namespace isolux {
 
-// Of each node, by what its leaves emit.
-struct Exitance {
+// What the leaves of a node emit.
+struct NodeExitance {
     Vec3d mean;                   // lm/m² by channel
     double low = 0.0, high = 0.0; // lm/m², photometric
 };
@@ -31,7 +31,7 @@ class RadiosityExchange {
     // exitance : one a node
     // tolerance : lx, that one interaction may be off
     RadiosityExchange(const Scene& scene, const RadiosityHierarchy& hierarchy,
-                      std::span<const Exitance> exitance, double tolerance, std::uint64_t seed);
+                      std::span<const NodeExitance> exitance, double tolerance, std::uint64_t seed);
 
     // key : names the receiver among others of this seed
     PointIlluminance at_point(const Receiver& receiver, std::uint64_t key,
@@ -43,7 +43,7 @@ class RadiosityExchange {
   private:
     const Scene& scene_;
     const RadiosityHierarchy& hierarchy_;
-    std::span<const Exitance> exitance_;
+    std::span<const NodeExitance> exitance_;
     double tolerance_;
     std::uint64_t seed_;
 };

@@ -10,14 +10,9 @@
 #include "core/radiosity_cluster.h"
 #include "core/receiver.h"
 #include "core/scene.h"
+#include "core/source_visibility.h"
 
 namespace isolux {
-
-// What the leaves of a node emit.
-struct NodeExitance {
-    Vec3d mean;                   // lm/m² by channel
-    double low = 0.0, high = 0.0; // lm/m², photometric
-};
 
 // What a point receives.
 struct PointIlluminance {

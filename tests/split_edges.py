@@ -79,18 +79,8 @@ class SplitMesh:
         self._twin = np.concatenate(twins)
         self._first_split_point = first_point
         self._split_points = 0
-        vertex_count = len(self._point)
         elements = np.concatenate(elements).astype(np.int32)
-        self.mesh = RefinedMesh(
-            vertex_count=vertex_count,
-            split_parents=np.zeros((0, 2), np.int32),
-            split_fraction=np.zeros(0),
-            split_twin=np.zeros(0, np.int32),
-            split_point=np.zeros(0, np.int32),
-            elements=elements,
-            element_parents=np.arange(len(elements), dtype=np.int32),
-            barycentrics=np.broadcast_to(np.eye(3), (len(elements), 3, 3)).copy(),
-        )
+        self.mesh = RefinedMesh.unsplit(len(self._point), elements)
 
     def split(self, choose: Callable[[int], np.ndarray], fraction: float = 0.5) -> RefinedMesh:
         """Split the edges where `choose` of their number is true; gives the mesh so far."""

@@ -38,6 +38,13 @@ SCENES = {
 }
 
 
+def meshes_of(name, double_sided):
+    return [
+        surface(shape, 0.5, double_sided=double_sided, path=f"/M{i}")
+        for i, shape in enumerate(SCENES[name])
+    ]
+
+
 def both(meshes):
     scene = scene_of(meshes)
     return [build_core_scene(scene, SolverSettings(), 1, divide=d) for d in (False, True)]
@@ -50,11 +57,7 @@ def triangles_of(core):
 @pytest.mark.parametrize("double_sided", [False, True])
 @pytest.mark.parametrize("name", SCENES)
 def test_the_surface_stays_and_nothing_gapes(name, double_sided):
-    meshes = [
-        surface(shape, 0.5, double_sided=double_sided, path=f"/M{i}")
-        for i, shape in enumerate(SCENES[name])
-    ]
-    whole, divided = both(meshes)
+    whole, divided = both(meshes_of(name, double_sided))
     assert divided.element_count > MANY > whole.element_count or name == "walls beside fine ones"
     assert divided.element_count < whole.element_count + 5 * MANY
     assert divided.vertex_areas.sum() == pytest.approx(whole.vertex_areas.sum(), rel=1e-9)
@@ -72,10 +75,7 @@ def test_the_surface_stays_and_nothing_gapes(name, double_sided):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_vertices_of_the_scene_keep_place_normal_and_receiver(name):
-    meshes = [
-        surface(shape, 0.5, double_sided=True, path=f"/M{i}")
-        for i, shape in enumerate(SCENES[name])
-    ]
+    meshes = meshes_of(name, double_sided=True)
     whole, divided = both(meshes)
     at = divided.division["vertices"]
     for arrays in ("vertex_positions", "vertex_normals", "receiver_positions", "vertex_meshes"):
@@ -88,10 +88,7 @@ def test_vertices_of_the_scene_keep_place_normal_and_receiver(name):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_a_vertex_is_added_in_the_middle_of_two_and_a_part_lies_in_its_parent(name):
-    meshes = [
-        surface(shape, 0.5, double_sided=True, path=f"/M{i}")
-        for i, shape in enumerate(SCENES[name])
-    ]
+    meshes = meshes_of(name, double_sided=True)
     whole, divided = both(meshes)
     of, positions = divided.division, divided.vertex_positions
     ends = positions[of["between"]]

@@ -1,7 +1,6 @@
 #include "core/final_gather.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numeric>
 #include <utility>
@@ -16,9 +15,6 @@ namespace {
 
 // Rays of a vertex to begin with, and the fewest where the budget is small.
 constexpr std::uint32_t kFirstRays = 16, kFewestRays = 4;
-// Rays that a record is thought to have beside its own, of the variance of all records: one whose
-// few rays missed the one bright spot that it sees would look exact.
-constexpr double kPooledRays = 1.0;
 // Of the mean gain of a ray, below which it had better wait for what others tell.
 constexpr double kLeastGain = 0.1;
 // Reflections by looking up what was gathered, at most; and what the last one changes, of the RMS
@@ -42,7 +38,7 @@ float relative_spread(float low, float high, float all) {
 
 FinalGather::FinalGather(const Scene& scene, std::uint64_t seed)
     : scene_(scene), seed_(seed), tracer_(scene, seed), receivers_(scene.receivers()),
-      regression_(scene.mesh(), receivers_), reflectances_(receivers_.size()),
+      smoothing_(scene.mesh(), receivers_), reflectances_(receivers_.size()),
       records_(receivers_.size()), smooth_(receivers_.size()), hidden_(receivers_.size()),
       rough_(receivers_.size()), tight_(receivers_.size()) {
     exitances_.seen.resize(receivers_.size());
@@ -71,7 +67,7 @@ void FinalGather::take_from_beside(std::span<const std::uint8_t> chosen,
     for (const std::int32_t v : lit_) {
         Vec3f sum;
         float count = 0.0F;
-        for (const std::int32_t beside : regression_.neighbours(v)) {
+        for (const std::int32_t beside : smoothing_.neighbours(v)) {
             if (chosen[v] != 0 && chosen[beside] == 0) {
                 sum += illuminance[beside];
                 count += 1.0F;
@@ -242,63 +238,6 @@ void FinalGather::look_up_all(const KnownLight& light, int threads) {
                         }
                     });
     smooth(threads);
-}
-
-// The variance of n points of a sequence falls as n^-slope. The squared difference of its halves
-// over 4 has the mean Var(n/2) - Var(n), that of its quarters Var(n/4) - Var(n/2).
-void FinalGather::estimate_noise() {
-    double halves = 0.0, quarters = 0.0, independent = 0.0, pooled = 0.0;
-    for (const std::int32_t v : lit_) {
-        const GatherRecord& r = records_[v];
-        if (r.rays() > 0) {
-            const double area = scene_.mesh().areas[v];
-            halves += area * r.half_square;
-            quarters += area * r.quarter_square;
-            independent += area * r.ray_variance / r.rays();
-            pooled += r.ray_variance;
-        }
-    }
-    pooled_variance_ = lit_.empty() ? 0.0 : pooled / static_cast<double>(lit_.size());
-    if (halves > 0.0 && independent > 0.0) {
-        const double slope = std::clamp(std::log2(quarters / halves), 1.0, 2.0);
-        noise_share_ = std::min(1.0, halves / (std::exp2(slope) - 1.0) / independent);
-    }
-}
-
-double FinalGather::ray_variance(const GatherRecord& record) const {
-    const double n = record.rays();
-    const double variance =
-        (n * record.ray_variance + kPooledRays * pooled_variance_) / (n + kPooledRays);
-    return noise_share_ * variance + n * record.bright_noise;
-}
-
-void FinalGather::smooth(int threads) {
-    estimate_noise();
-    std::vector<NoisyIlluminance> values(records_.size());
-    for (const std::int32_t v : lit_) {
-        const GatherRecord& record = records_[v];
-        values[v] = {record.illuminance, static_cast<float>(ray_variance(record)),
-                     static_cast<float>(record.rays())};
-    }
-    regression_.fit(values, smooth_, threads);
-    // Planes fall short of light that drops towards an edge: each side keeps the mean of its rays.
-    // A vertex whose own rays are sure has lost nothing, and takes no part.
-    const auto taken = [&](std::int32_t v) { return std::sqrt(smooth_[v].taken); };
-    std::vector<std::array<double, 2>> flux(mesh_side_count(scene_.mesh())); // lm: lost, taken
-    for (const std::int32_t v : lit_) {
-        const double area = scene_.mesh().areas[v];
-        const double fitted = luminance(smooth_[v].illuminance.as<double>());
-        auto& [lost, part] = flux[mesh_side(receivers_[v])];
-        lost += area * (luminance(records_[v].illuminance.as<double>()) - fitted);
-        part += area * static_cast<double>(taken(v)) * fitted;
-    }
-    for (const std::int32_t v : lit_) {
-        const auto [lost, part] = flux[mesh_side(receivers_[v])];
-        if (part > 0.0) {
-            const auto more = static_cast<float>(std::max(-1.0, lost / part));
-            smooth_[v].illuminance = smooth_[v].illuminance * (1.0F + taken(v) * more);
-        }
-    }
 }
 
 void FinalGather::spend(std::uint64_t end, int threads) {

@@ -14,8 +14,8 @@
 
 #include "core/gather_records.h"
 #include "core/joined_illuminance.h"
-#include "core/local_regression.h"
 #include "core/photon_buckets.h"
+#include "core/record_smoothing.h"
 #include "core/visible_area.h"
 
 namespace isolux {
@@ -57,9 +57,7 @@ class FinalGather {
     void find_rough(const KnownLight& light);
     void find_tight();
     void trace(std::span<const std::int32_t> vertices, std::uint32_t rays, int threads);
-    void estimate_noise();
-    double ray_variance(const GatherRecord& record) const; // lx², of its rays' share in the noise
-    void smooth(int threads);
+    void smooth(int threads) { smoothing_.smooth(records_, lit_, smooth_, threads); }
     void spend(std::uint64_t end, int threads);
     void reflect(const KnownLight& light, int threads);
 
@@ -67,7 +65,7 @@ class FinalGather {
     std::uint64_t seed_;
     RecordTracer tracer_;
     std::vector<Receiver> receivers_;
-    LocalRegression regression_;
+    RecordSmoothing smoothing_;
     std::vector<std::int32_t> lit_;   // vertices that have a normal and an area
     std::vector<Vec3f> reflectances_; // one a vertex, mean of the elements around it
     std::vector<GatherRecord> records_;
@@ -81,8 +79,6 @@ class FinalGather {
     std::span<const Vec3f> direct_;   // of the light in hand
     std::vector<std::uint8_t> rough_; // one a vertex: direct light changes from it to the next
     std::vector<std::uint8_t> tight_; // one a vertex: most of what it sees is nearer than the next
-    double noise_share_ = 1.0; // of the variance of independent rays, that a Sobol sequence leaves
-    double pooled_variance_ = 0.0; // lx², photometric, of one ray
     std::uint64_t rays_ = 0;
 };
 

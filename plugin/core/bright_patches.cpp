@@ -14,8 +14,6 @@ constexpr float kCap = 4.0F;
 constexpr std::size_t kMostPatches = 512;
 // Square distance, in areas of the patch, from which it counts as a point.
 constexpr float kFar = 16.0F;
-// m^4, lest a patch at no distance divides by it.
-constexpr float kTiny = 1e-30F;
 
 } // namespace
 
@@ -84,8 +82,10 @@ void BrightPatches::look(const Vec3f& position, const Vec3f& normal, std::size_t
                 -(x * block.normal_x[i] + y * block.normal_y[i] + z * block.normal_z[i]);
             // Four times the cosines' product: branches would keep the compiler from vectors.
             const float cosines = (here + std::abs(here)) * (there + std::abs(there));
-            const float far = square > kFar * block.area[i] ? 0.25F : 0.0F;
-            of[i] = far * block.flux[i] * cosines / (square * square + kTiny);
+            const float near = kFar * block.area[i];
+            const float far = square > near ? 0.25F : 0.0F;
+            const float divisor = std::max(square, near); // no patch is at no distance
+            of[i] = far * block.flux[i] * cosines / (divisor * divisor);
         }
         of_block[b] = std::accumulate(of, of + kSize, 0.0F);
         sum += of_block[b];

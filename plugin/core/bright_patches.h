@@ -54,7 +54,9 @@ class BrightPatches {
     // Side by side, so that the compiler weighs several at once; those that are missing give none.
     struct Block {
         static constexpr std::size_t kSize = 16;
-        std::array<float, kSize> x{}, y{}, z{}, normal_x{}, normal_y{}, normal_z{}, area{}, flux{};
+        std::array<float, kSize> x{}, y{}, z{}, normal_x{}, normal_y{}, normal_z{}, area, flux{};
+
+        Block() { area.fill(1.0F); } // lest those at no distance divide by none
     };
     static bool is_far(const Patch& patch, const Vec3f& position);
 

@@ -1,10 +1,12 @@
 """Fixtures that several test files share, and the report of what is validated."""
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from no_division import no_division
 from validation.recorder import Recorder
 from validation.rows import Validation
 
@@ -33,6 +35,13 @@ def validation(request: pytest.FixtureRequest) -> Validation:
     told = Validation()
     request.node.validation_rows = told.rows
     return told
+
+
+@pytest.fixture
+def undivided() -> Iterator[None]:
+    """Meshes are solved on as authored; see tests/no_division.py."""
+    with no_division():
+        yield
 
 
 @pytest.fixture(scope="session")

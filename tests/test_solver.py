@@ -10,7 +10,6 @@ from usd_scenes.cornell_box.generate import generate as generate_cornell_box
 from usd_scenes.furnace_sphere.generate import generate as generate_furnace_sphere
 
 import isolux
-from isolux.core_scene import build_core_scene
 from isolux.results import ResultsWriter
 from isolux.schedule import StagePlan, stage_goals
 from isolux.target_error import TargetError
@@ -60,13 +59,10 @@ def test_a_target_error_is_met_at_the_last_stage_and_not_before(tmp_path):
     assert not any(finding.kind == "target error" for finding in solver.findings())
 
 
+@pytest.mark.usefixtures("undivided")
 @pytest.mark.parametrize("method", ["dept", "ddl+idept"])
-def test_a_target_error_below_what_coarse_walls_allow_ends_the_run_and_is_told(
-    scene, method, monkeypatch
-):
+def test_a_target_error_below_what_coarse_walls_allow_ends_the_run_and_is_told(scene, method):
     """Walls of four vertices: no number of photons tells how light varies across them."""
-    undivided = lambda *arguments, divide: build_core_scene(*arguments)  # noqa: E731
-    monkeypatch.setattr("isolux.solver.build_core_scene", undivided)
     settings = isolux.SolverSettings(method=method, target_error=0.01)
     solver = isolux.ProgressiveSolver(scene, settings)
     *_, last = solver.stages()

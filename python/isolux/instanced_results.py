@@ -182,7 +182,7 @@ class InstanceSummary:
     """
 
     def __init__(self, scene: SceneDescription, solution: Solution) -> None:
-        light = solution.divided or solution
+        light = solution.solved_light
         layouts, areas = light.layouts, light.vertex_areas
         self._items = [item for item in scene.instanced if item.mesh_ranges is not None]
         sizes = [1 if item.copies is None else item.copies.count for item in self._items]

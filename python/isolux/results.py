@@ -212,7 +212,7 @@ class ResultsWriter:
             for output in self._meshes.values():
                 self._write_primvars(output, stage)
             if self._summary is not None:
-                light = solution.divided or solution
+                light = solution.solved_light
                 of_light = replace(
                     stage,
                     direct=light.direct,

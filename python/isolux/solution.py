@@ -194,6 +194,14 @@ class Solution:
     divided: DividedLight | None = None
     steps: tuple[StagePlan, ...] = ()
 
+    @property
+    def solved_light(self) -> Solution | DividedLight:
+        """Light of which means are taken: at all vertices that were solved for, with their areas.
+
+        Where large elements were divided these are more than the scene's own.
+        """
+        return self.divided or self
+
     def layout(self, path: str) -> MeshLayout:
         """Layout of the mesh at `path`. Raises SceneError where no such mesh was solved."""
         try:
@@ -219,8 +227,8 @@ class Solution:
 
     def mean_illuminance(self, path: str) -> float:
         """Area-weighted mean photometric illuminance of the front of a mesh, lx."""
-        light = self.divided or self
         self.layout(path)
+        light = self.solved_light
         front = light.layouts[path].front
         areas = light.vertex_areas[front]
         total = float(areas.sum())

@@ -133,23 +133,23 @@ def at_corners(solution: Solution, path: str, *, back: bool = False) -> Array:
 
 def means(solution: Solution, path: str, *, back: bool = False) -> Array:
     """Area-weighted direct and indirect illuminance of a mesh, lx."""
-    solved_on = solution.divided or solution
-    layout = solved_on.layouts[path]
+    light = solution.solved_light
+    layout = light.layouts[path]
     side = layout.back if back else layout.front
-    areas = solved_on.vertex_areas[side]
+    areas = light.vertex_areas[side]
     return np.array(
-        [areas @ photometric(light[side]) / areas.sum()
-         for light in (solved_on.direct, solved_on.indirect)]
+        [areas @ photometric(values[side]) / areas.sum()
+         for values in (light.direct, light.indirect)]
     )  # fmt: skip
 
 
 def mean_everywhere(solution: Solution) -> Array:
     """Area-weighted direct and indirect illuminance of all surfaces, lx."""
-    solved_on = solution.divided or solution
-    areas = solved_on.vertex_areas
+    light = solution.solved_light
+    areas = light.vertex_areas
     return np.array(
-        [areas @ photometric(light[: len(areas)]) / areas.sum()
-         for light in (solved_on.direct, solved_on.indirect)]
+        [areas @ photometric(values[: len(areas)]) / areas.sum()
+         for values in (light.direct, light.indirect)]
     )  # fmt: skip
 
 

@@ -14,7 +14,6 @@ Array = NDArray[np.float64]
 # Angles at which a goniometric diagram is given, both ends included.
 GAMMA_COUNT, C_COUNT = 181, 145  # 1° from nadir to zenith, 2.5° around
 
-
 # Of peers that bake: a triangle around the centre of a texel, texels.
 TEXEL_TRIANGLE = np.array([[-0.45, -0.4], [0.45, -0.4], [0.0, 0.45]])
 

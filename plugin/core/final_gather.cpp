@@ -339,15 +339,18 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
     }
     double square = 0.0, area = 0.0;
     const LookupError bends = lookup_error(scene_.mesh(), records_, exitances_.seen, illuminance_);
-    double by_photons = 0.0;
+    double of_sides = 0.0;
+    std::vector<double> of_buckets(records_.size());
     if (light.photons != nullptr && !seen_direct_.variance.empty()) {
-        by_photons =
-            photon_noise(scene_.mesh(), receivers_, records_, exitances_.seen, illuminance_,
-                         {&seen_direct_, &seen_indirect_}, *light.photons, light.photon_flux);
+        const SeenLight seen{exitances_.seen, illuminance_, {&seen_direct_, &seen_indirect_}};
+        of_sides = photon_noise(scene_.mesh(), receivers_, records_, seen, *light.photons,
+                                light.photon_flux);
+        of_buckets = bucket_noise(records_, seen, threads);
     }
     for (const std::int32_t v : lit_) {
         const double e = luminance(smooth_[v].illuminance);
-        const double variance = smooth_[v].variance + bends.at(e) + by_photons * e * e;
+        const double variance =
+            smooth_[v].variance + bends.at(e) + of_sides * e * e + of_buckets[v];
         out.indirect[v] = smooth_[v].illuminance;
         out.standard_error[v] = static_cast<float>(std::sqrt(variance));
         square += scene_.told_areas()[v] * variance;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/parallel.h"
+
 namespace isolux {
 namespace {
 
@@ -15,7 +17,33 @@ constexpr std::array kPaths{LightPath::direct, LightPath::indirect};
 // several sides, so that no count by itself tells it.
 using Deviations = std::array<double, kBatches>;
 
+constexpr std::size_t kBlocks = 64;
+// Rays that the mean noise of all records counts as, beside those of one.
+constexpr double kRaysOfMean = 16.0;
+
 double square(double x) { return x * x; }
+
+double photometric(const Exitance& e) { return luminance(Vec3f{e.x, e.y, e.z}.as<double>()); }
+
+// Vertices that the record's rays look up, each with the share of all its light. Those beyond the
+// vertices are bright patches, whose light is sure.
+template <typename Visit>
+void for_each_vertex(const GatherRecord& record, std::size_t vertices, const Visit& visit) {
+    const double share = 1.0 / static_cast<double>(record.rays());
+    const auto is_vertex = [&](std::int32_t v) {
+        return v >= 0 && static_cast<std::size_t>(v) < vertices;
+    };
+    for (const std::int32_t v : record.hits) {
+        if (is_vertex(v)) {
+            visit(v, share);
+        }
+    }
+    for (const NearHit& near : record.near_hits) {
+        if (is_vertex(near.hit)) {
+            visit(near.hit, share * luminance(near.share.as<double>()));
+        }
+    }
+}
 
 struct SideLight {
     std::array<std::vector<Deviations>, 2> deviations; // of each path, one a side
@@ -58,50 +86,33 @@ SideLight side_light(const IlluminationMesh& mesh, std::span<const Receiver> rec
 } // namespace
 
 double photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> receivers,
-                    std::span<const GatherRecord> records, std::span<const Exitance> exitances,
-                    std::span<const Vec3f> illuminance, const EachPathJoined& joined,
+                    std::span<const GatherRecord> records, const SeenLight& seen,
                     const PhotonBuckets& buckets, double photon_flux) {
-    const SideLight sides = side_light(mesh, receivers, joined, buckets, photon_flux);
-    const std::size_t vertices = receivers.size();
-    std::vector<std::uint32_t> counts(vertices); // rays that hit each bucket
-    std::vector<std::int32_t> hit;
-    double common = 0.0, single = 0.0, squares = 0.0; // lx²
-    double seen = 0.0, reflected_again = 0.0, kept = 0.0;
+    const SideLight sides = side_light(mesh, receivers, seen.joined, buckets, photon_flux);
+    double common = 0.0, squares = 0.0; // lx²
+    double all = 0.0, reflected_again = 0.0, kept = 0.0;
     const std::size_t step = (records.size() + kRecords - 1) / kRecords;
     for (std::size_t r = 0; r < records.size(); r += step) {
         const GatherRecord& record = records[r];
-        hit.clear();
-        for (const std::int32_t v : record.hits) { // those beyond the vertices are bright patches
-            if (v >= 0 && static_cast<std::size_t>(v) < vertices && counts[v]++ == 0) {
-                hit.push_back(v);
-            }
-        }
-        const double n = record.rays();
         Deviations off{};
-        for (const std::int32_t v : hit) {
-            const double c = counts[v];
-            counts[v] = 0;
-            const double light = luminance(illuminance[v].as<double>());
+        for_each_vertex(record, receivers.size(), [&](std::int32_t v, double share) {
+            const double light = luminance(seen.illuminance[v].as<double>());
             if (light <= 0.0) {
-                continue;
+                return;
             }
-            const Exitance& e = exitances[v];
-            const double share = c / n * luminance(Vec3f{e.x, e.y, e.z}.as<double>()) / light;
+            const double reflected = share * photometric(seen.exitances[v]) / light;
             const std::size_t side = mesh_side(receivers[v]);
-            double variance = 0.0;
             for (const std::size_t p : {0U, 1U}) {
-                const double part = share * luminance(joined[p]->illuminance[v].as<double>());
+                const double part =
+                    reflected * luminance(seen.joined[p]->illuminance[v].as<double>());
                 for (std::size_t b = 0; b < kBatches; ++b) {
                     off[b] += part * sides.deviations[p][side][b];
                 }
-                variance += joined[p]->variance[v];
-                seen += part;
+                all += part;
                 reflected_again += p == 1 ? part : 0.0;
                 kept += p == 1 ? part * sides.kept[p][side] : 0.0;
             }
-            // Of two rays that hit the same bucket: what single rays tell is part of their noise.
-            single += share * share * (c > 1.0 ? (c - 1.0) / c * n / (n - 1.0) : 0.0) * variance;
-        }
+        });
         for (const double of_batch : off) {
             common += of_batch * of_batch;
         }
@@ -112,8 +123,63 @@ double photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> rece
     }
     // What isn't the photons' own of the light that is reflected again was gathered with the same
     // error.
-    const double again = seen > 0.0 ? (reflected_again - kept) / seen : 0.0;
-    return (common / square(1.0 - again) + single) / squares;
+    const double again = all > 0.0 ? (reflected_again - kept) / all : 0.0;
+    return common / square(1.0 - again) / squares;
+}
+
+std::vector<double> bucket_noise(std::span<const GatherRecord> records, const SeenLight& seen,
+                                 int threads) {
+    const std::size_t vertices = seen.illuminance.size();
+    std::vector<double> variances(vertices); // lm²/m⁴, of exitances
+    for (std::size_t v = 0; v < vertices; ++v) {
+        const double light = luminance(seen.illuminance[v].as<double>());
+        if (light > 0.0) {
+            variances[v] = square(photometric(seen.exitances[v]) / light) *
+                           (seen.joined[0]->variance[v] + seen.joined[1]->variance[v]);
+        }
+    }
+    std::vector<double> out(records.size());
+    parallel_blocks(threads, std::size_t{0}, records.size(), std::size_t{1024},
+                    [&](std::size_t begin, std::size_t end) {
+                        struct Sum {
+                            double share, square;
+                        };
+                        std::vector<Sum> sums(vertices); // over the rays that end in a bucket
+                        std::vector<std::int32_t> met;
+                        for (std::size_t r = begin; r < end; ++r) {
+                            const double n = records[r].rays();
+                            for_each_vertex(records[r], vertices,
+                                            [&](std::int32_t v, double share) {
+                                                Sum& sum = sums[v];
+                                                if (sum.share == 0.0) {
+                                                    met.push_back(v);
+                                                }
+                                                sum.share += n * share;
+                                                sum.square += square(n * share);
+                                            });
+                            // Of each two rays: what single ones tell is part of their noise.
+                            for (const std::int32_t v : met) {
+                                const auto [share, own] = sums[v];
+                                sums[v] = {};
+                                out[r] += (share * share - own) * variances[v];
+                            }
+                            met.clear();
+                            out[r] /= n > 1.0 ? n * (n - 1.0) : 1.0;
+                        }
+                    });
+    // Few rays seldom end together: they are believed beside as many of the mean.
+    double all = 0.0, squares = 0.0;
+    for (std::size_t r = 0; r < records.size(); ++r) {
+        all += out[r];
+        squares += square(luminance(records[r].illuminance.as<double>()));
+    }
+    const double mean = squares > 0.0 ? all / squares : 0.0;
+    for (std::size_t r = 0; r < records.size(); ++r) {
+        const double n = records[r].rays();
+        const double expected = mean * square(luminance(records[r].illuminance.as<double>()));
+        out[r] = (n * out[r] + kRaysOfMean * expected) / (n + kRaysOfMean);
+    }
+    return out;
 }
 
 } // namespace isolux

@@ -1,5 +1,6 @@
-// The error of gather records by the photons that lit what they look up: it is one for all that see
-// the same side of a mesh, so that neither more rays nor neighbours lessen it.
+// The error of gather records by the photons that lit what they look up, which more rays don't
+// lessen. What the photons of a whole side of a mesh are off by is the same for all records; what
+// those of one bucket are off by shows where many rays of a record end there, as in a corner.
 #pragma once
 
 #include <array>
@@ -17,11 +18,20 @@ namespace isolux {
 // Of the direct and of the indirect light that is looked up.
 using EachPathJoined = std::array<const JoinedIlluminance*, 2>;
 
-// Mean square error over mean square illuminance, of some of the records.
-// illuminance: lx by channel, one a vertex: what the exitances were made of
+// Light that records look up. Spans: one a vertex; lx by channel, what the exitances were made of.
+struct SeenLight {
+    std::span<const Exitance> exitances;
+    std::span<const Vec3f> illuminance;
+    EachPathJoined joined;
+};
+
+// By the photons of whole sides: mean square error over mean square illuminance of some records.
 double photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> receivers,
-                    std::span<const GatherRecord> records, std::span<const Exitance> exitances,
-                    std::span<const Vec3f> illuminance, const EachPathJoined& joined,
+                    std::span<const GatherRecord> records, const SeenLight& seen,
                     const PhotonBuckets& buckets, double photon_flux);
+
+// By those of single buckets: lx², one a record.
+std::vector<double> bucket_noise(std::span<const GatherRecord> records, const SeenLight& seen,
+                                 int threads);
 
 } // namespace isolux

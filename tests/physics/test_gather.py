@@ -116,6 +116,16 @@ def test_the_reported_error_is_the_true_one(rays):
     assert np.mean(reported) == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=0.4)
 
 
+def gathered_from_photons(traced, direct, photons, rays, seed):
+    """As a run does it. direct : (V, 3) lx, known; rays : a vertex"""
+    left = retrace(traced, photons, seed)
+    buckets = np.repeat(left.illuminance[:, :, None], 3, axis=2).astype(np.float32)
+    return _core.FinalGather(traced.scene, seed).advance(
+        buckets.sum(axis=1), rays * len(traced.areas), 2, np.ascontiguousarray(buckets[:, 1]),
+        left.photon_flux, direct, left.buckets,
+    )  # fmt: skip
+
+
 def test_the_noise_of_the_photons_that_lit_a_room_is_told():
     """Furnace: direct light is known, rays all see the same; what is off, photons brought."""
     traced = trace([surface(icosphere(2).flipped(), 0.6)], [luminaire(1000.0)], 1000)
@@ -123,18 +133,28 @@ def test_the_noise_of_the_photons_that_lit_a_room_is_told():
     known = np.full((len(traced.areas), 3), direct, np.float32)
     squares, reported = [], []
     for seed in range(24):
-        photons = retrace(traced, 10_000, seed)
-        buckets = np.repeat(photons.illuminance[:, :, None], 3, axis=2).astype(np.float32)
-        found = _core.FinalGather(traced.scene, seed).advance(
-            buckets.sum(axis=1), 64 * len(traced.areas), 2, np.ascontiguousarray(buckets[:, 1]),
-            photons.photon_flux, known, photons.buckets,
-        )  # fmt: skip
+        found = gathered_from_photons(traced, known, 10_000, 64, seed)
         off = found["indirect"] @ WEIGHTS - direct * 0.6 / 0.4
         squares.append(np.average(off**2, weights=traced.areas))
         reported.append(found["indirect_rms"])
     assert np.sqrt(np.mean(np.square(reported))) == pytest.approx(
         np.sqrt(np.mean(squares)), rel=0.2
     )
+
+
+def test_the_noise_of_single_buckets_is_told_where_many_rays_look_them_up():
+    """A cube of so few buckets that each vertex sees the same ones again and again."""
+    traced = trace([surface(box((4, 4, 4), 1.0).flipped(), 0.8)], [luminaire(1000.0)], 1_000_000)
+    direct = np.repeat(traced.illuminance[:, :1], 3, axis=1).astype(np.float32)
+    found = []
+    for seed in range(24):
+        found.append(gathered_from_photons(traced, direct, 2000, 256, seed))
+    variance = np.var([f["indirect"] @ WEIGHTS for f in found], axis=0, ddof=1)
+    told = np.mean(np.square([f["standard_error"] for f in found]), axis=0)
+    walls_met = (np.abs(traced.scene.receiver_positions) > 1.9).sum(axis=1)
+    for count in (1, 2, 3):  # on a wall, at an edge, in a corner
+        there = walls_met == count
+        assert np.sqrt(told[there].mean() / variance[there].mean()) == pytest.approx(1, abs=0.25)
 
 
 def test_a_floor_of_two_triangles_reflects_the_pool_of_light_on_it():

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from path_tracer import refuse_what_paths_lack
 from peers.agreement import agreement
-from peers.export import export_scene, lit_vertices, refuse_what_peers_lack
+from peers.export import export_scene, lit_vertices
 from peers.peer_scene import PeerScene
 from peers.time_to_error import Place, Reached, median_time, time_to
 from reference import PathTracedReference
@@ -58,10 +59,10 @@ def test_peers_are_asked_for_all_vertices_and_read_what_was_written(tmp_path: Pa
     assert read.luminaires[0].candela is None and read.luminaires[0].shape == "sphere"
 
 
-@pytest.mark.parametrize("shape", ["distant", "dome"])
-def test_what_peers_lack_is_refused_by_name(shape: str) -> None:
+@pytest.mark.parametrize("shape", ["distant", "dome", "mesh"])
+def test_what_the_reference_lacks_is_refused_by_name(shape: str) -> None:
     with pytest.raises(SystemExit, match=f"/Lamp.*{shape}"):
-        refuse_what_peers_lack(room(replace(luminaire(), path="/Lamp", shape=shape)))
+        refuse_what_paths_lack(room(replace(luminaire(), path="/Lamp", shape=shape)))
 
 
 def reference_of(truth, noise, random):

@@ -29,7 +29,7 @@ import numpy as np
 from bench_report import commit, cpu_name, print_table
 from convergence import error_curve
 from peers.agreement import QUANTITY, agreement
-from peers.export import export_scene, lit_vertices, refuse_what_peers_lack
+from peers.export import export_scene, lit_vertices
 from peers.figure import plot_errors
 from peers.peer_process import NAMES, QUALITIES, PeerProcess, Seconds
 from peers.peer_scene import LackingError, PeerScene
@@ -99,7 +99,6 @@ class Subject:
 
 def read_subject(path: Path, cache: Path) -> Subject:
     scene = read_stage(path)
-    refuse_what_peers_lack(scene)
     core = build_core_scene(scene, SolverSettings(), -1)
     reference = path_traced_reference(scene, core, cache=cache)
     print(

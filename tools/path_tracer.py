@@ -16,7 +16,24 @@ from isolux.scene_description import SceneDescription
 
 # Rays start and end this share of the scene's half size off a surface: 32 roundings of a float.
 OFFSET = 2.0**-19
+SHAPES = ("rect", "disk", "sphere", "cylinder")
 CHUNK = 1 << 16  # paths or samples that are followed side by side; they fit the cache
+
+
+def refuse_what_paths_lack(scene: SceneDescription) -> None:
+    """Stop at what neither the path-traced reference nor the peers' adapters know."""
+    for luminaire in scene.luminaires:
+        if luminaire.shape not in SHAPES:
+            raise SystemExit(
+                f"{luminaire.path}: a {luminaire.shape} light; the reference knows {SHAPES}"
+            )
+        if luminaire.lit_meshes is not None or luminaire.shadow_meshes is not None:
+            raise SystemExit(
+                f"{luminaire.path}: light links; the reference knows lights that light all"
+            )
+    for mesh in scene.meshes:
+        if mesh.opacity is not None and not (mesh.opacity == 1).all():
+            raise SystemExit(f"{mesh.path}: not opaque; the reference knows opaque meshes")
 
 
 class PathTracer:

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from luminaire_sampling import Array
 from numpy.typing import NDArray
-from path_tracer import PathTracer
+from path_tracer import PathTracer, refuse_what_paths_lack
 
 from isolux import _core
 from isolux.core_scene import build_core_scene
@@ -131,6 +131,7 @@ def path_traced_reference(
         paths a vertex
     cache : folder of earlier references; None: always trace
     """
+    refuse_what_paths_lack(scene)
     areas = core.vertex_areas * (np.abs(core.vertex_normals).max(axis=1) > 0)
     complete = np.count_nonzero(areas) <= vertices
     chosen = np.flatnonzero(areas) if complete else _at_even_steps(areas, vertices, seed)

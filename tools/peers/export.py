@@ -12,8 +12,6 @@ from isolux.scene_description import LuminaireDescription, SceneDescription
 
 from .peer_scene import C_COUNT, GAMMA_COUNT, Array, PeerLuminaire, PeerScene
 
-SHAPES = ("rect", "disk", "sphere", "cylinder")
-
 
 def export_scene(scene: SceneDescription, core: _core.Scene) -> PeerScene:
     """The whole scene; its points are all illumination vertices with an area.
@@ -46,18 +44,6 @@ def export_scene(scene: SceneDescription, core: _core.Scene) -> PeerScene:
 def lit_vertices(core: _core.Scene) -> np.ndarray:
     """Numbers of the illumination vertices that have an area and a normal."""
     return np.flatnonzero(core.vertex_areas * (np.abs(core.vertex_normals).max(axis=1) > 0))
-
-
-def refuse_what_peers_lack(scene: SceneDescription) -> None:
-    """Stop at what the adapters and the path-traced reference do not know."""
-    for luminaire in scene.luminaires:
-        if luminaire.shape not in SHAPES:
-            raise SystemExit(f"{luminaire.path}: a {luminaire.shape} light; peers get {SHAPES}")
-        if luminaire.lit_meshes is not None or luminaire.shadow_meshes is not None:
-            raise SystemExit(f"{luminaire.path}: light links; peers get lights that light all")
-    for mesh in scene.meshes:
-        if mesh.opacity is not None and not (mesh.opacity == 1).all():
-            raise SystemExit(f"{mesh.path}: not opaque; peers get opaque meshes")
 
 
 def _exported(luminaire: LuminaireDescription) -> PeerLuminaire:

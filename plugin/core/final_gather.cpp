@@ -26,6 +26,10 @@ constexpr std::uint64_t kLeftOver = 16;
 // Change of direct light from vertex to vertex, of all light there, above which it isn't taken
 // for linear between them.
 constexpr float kRough = 0.25F;
+// Of the mean illuminance, what one ray may miss of the change of direct light around a vertex.
+// Office, 10^6 photons, two seeds: bias and RMS error 0.67 and 1.23 % where vertices alone tell,
+// 0.47 and 1.14 % with 1/20, 0.44 and 1.13 % with 1/50.
+constexpr double kUnseen = 0.05;
 // Share of a vertex's rays that meet something nearer than the next vertex, above which it lies in
 // a gap: behind a picture, between books. In the corner of a box it is less.
 constexpr float kTight = 0.7F;
@@ -41,7 +45,6 @@ FinalGather::FinalGather(const Scene& scene, std::uint64_t seed)
       smoothing_(scene.mesh(), receivers_), reflectances_(receivers_.size()),
       records_(receivers_.size()), smooth_(receivers_.size()), hidden_(receivers_.size()),
       rough_(receivers_.size()), tight_(receivers_.size()) {
-    exitances_.seen.resize(receivers_.size());
     const IlluminationMesh& mesh = scene.mesh();
     for (std::size_t v = 0; v < receivers_.size(); ++v) {
         records_[v].vertex = static_cast<std::int32_t>(v);
@@ -107,8 +110,8 @@ void FinalGather::find_direct(const KnownLight& light) {
 
 void FinalGather::find_exitances(const KnownLight& light) {
     illuminance_.assign(light.all.begin(), light.all.end());
+    std::vector<Vec3f> known(light.indirect.begin(), light.indirect.end());
     if (!light.indirect.empty()) {
-        std::vector<Vec3f> known(light.indirect.begin(), light.indirect.end());
         if (rays_ > 0) {
             std::vector<double> variance(known.size());
             for (std::size_t v = 0; v < known.size(); ++v) {
@@ -125,19 +128,26 @@ void FinalGather::find_exitances(const KnownLight& light) {
     // On the way into a gap, or below what stands on a surface, light drops within a share of an
     // element: most of what is seen of it lies before the drop. In the gap rays don't look here.
     take_from_beside(tight_, illuminance_);
+    const std::size_t count = bright_.size();
+    exitances_.seen.assign(2 * receivers_.size() + count, {});
     for (const std::int32_t v : lit_) {
         const Vec3f m = reflectances_[v] * illuminance_[v];
         exitances_.seen[v] = {m.x, m.y, m.z, 0.0F};
     }
-    const std::size_t count = bright_.size();
-    exitances_.seen.resize(receivers_.size() + count);
+    if (!change_.empty()) {
+        take_from_beside(tight_, known);
+        for (const std::int32_t v : lit_) {
+            const Vec3f m = reflectances_[v] * known[v];
+            exitances_.seen[receivers_.size() + v] = {m.x, m.y, m.z, 0.0F};
+        }
+    }
     exitances_.above.resize(count);
     for (std::size_t p = 0; p < count; ++p) {
         const auto [x, y, z, none] = exitances_.seen[bright_.vertex(p)];
         const Vec3f m{x, y, z};
         const float share = std::min(1.0F, bright_.cap() / std::max(luminance(m), 1e-30F));
         const Vec3f below = m * share;
-        exitances_.seen[receivers_.size() + p] = {below.x, below.y, below.z, 0.0F};
+        exitances_.seen[2 * receivers_.size() + p] = {below.x, below.y, below.z, 0.0F};
         exitances_.above[p] = m - below;
     }
 }
@@ -164,6 +174,15 @@ void FinalGather::find_visible(const KnownLight& light, int threads) {
     visible_ = visible_area(scene_, lit, seed_, threads);
 }
 
+// By how much direct light at a vertex differs from that of the photons, lx; 0 where it may be
+// chance.
+float FinalGather::beyond_chance(const KnownLight& light, std::int32_t v) const {
+    const float n = luminance(light.all[v] - light.indirect[v]);
+    const float k = luminance(light.direct[v]);
+    const auto photon = static_cast<float>(light.photon_flux / scene_.mesh().areas[v]);
+    return (n - k) * (n - k) > 9.0F * std::max(n, k) * photon ? std::abs(n - k) : 0.0F;
+}
+
 void FinalGather::find_rough(const KnownLight& light) {
     direct_ = light.direct;
     std::ranges::fill(rough_, light.direct.empty() ? 1 : 0);
@@ -186,16 +205,35 @@ void FinalGather::find_rough(const KnownLight& light) {
         }
     });
     for (const std::int32_t v : lit_) {
-        if (light.indirect.empty()) {
-            continue;
-        }
-        const float n = luminance(light.all[v] - light.indirect[v]);
-        const float k = luminance(light.direct[v]);
-        const auto photon = static_cast<float>(light.photon_flux / mesh.areas[v]);
-        if ((n - k) * (n - k) > 9.0F * std::max(n, k) * photon) {
+        if (!light.indirect.empty() && beyond_chance(light, v) > 0.0F) {
             rough_[v] = 1;
         }
     }
+}
+
+// From each vertex to the next, and from what is known to the photons beyond what is chance.
+void FinalGather::find_change(const KnownLight& light) {
+    change_.clear();
+    if (light.direct.empty() || light.indirect.empty()) {
+        return;
+    }
+    change_.resize(receivers_.size());
+    const IlluminationMesh& mesh = scene_.mesh();
+    for_each_side(mesh, [&](const MeshElement&, const auto& vertices) {
+        const auto [low, high] = std::ranges::minmax({luminance(light.direct[vertices[0]]),
+                                                      luminance(light.direct[vertices[1]]),
+                                                      luminance(light.direct[vertices[2]])});
+        for (const std::int32_t v : vertices) {
+            change_[v] = std::max(change_[v], high - low);
+        }
+    });
+    double flux = 0.0, area = 0.0; // lm, m²
+    for (const std::int32_t v : lit_) {
+        change_[v] = std::max(change_[v], beyond_chance(light, v)) * luminance(reflectances_[v]);
+        flux += mesh.areas[v] * luminance(light.all[v].as<double>());
+        area += mesh.areas[v];
+    }
+    unseen_ = static_cast<float>(kUnseen * flux / area);
 }
 
 void FinalGather::find_tight() {
@@ -218,9 +256,9 @@ void FinalGather::trace(std::span<const std::int32_t> vertices, std::uint32_t ra
                     [&](std::size_t begin, std::size_t end) {
                         for (std::size_t i = begin; i < end; ++i) {
                             GatherRecord& record = records_[vertices[i]];
-                            tracer_.trace(receivers_[record.vertex],
-                                          std::max(rays, 2 * record.rays()),
-                                          {bright_, direct_, rough_, tight_}, record);
+                            tracer_.trace(
+                                receivers_[record.vertex], std::max(rays, 2 * record.rays()),
+                                {bright_, direct_, rough_, tight_, change_, unseen_}, record);
                             look_up(exitances_, record);
                         }
                     });
@@ -306,6 +344,7 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
     }
     const std::uint64_t rays_before = rays_, end = rays_ + ray_budget;
     find_rough(light);
+    find_change(light);
     // It takes as long as several rays a vertex, and beside the noise of fewer it doesn't show.
     if (visible_.nearest.empty() && end >= kFirstRays * lit_.size()) {
         find_visible(light, threads);

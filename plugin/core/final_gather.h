@@ -55,6 +55,8 @@ class FinalGather {
     void find_direct(const KnownLight& light);
     void find_exitances(const KnownLight& light);
     void find_rough(const KnownLight& light);
+    float beyond_chance(const KnownLight& light, std::int32_t v) const;
+    void find_change(const KnownLight& light);
     void find_tight();
     void trace(std::span<const std::int32_t> vertices, std::uint32_t rays, int threads);
     void smooth(int threads) { smoothing_.smooth(records_, lit_, smooth_, threads); }
@@ -78,6 +80,8 @@ class FinalGather {
     VisibleArea visible_;
     std::span<const Vec3f> direct_;   // of the light in hand
     std::vector<std::uint8_t> rough_; // one a vertex: direct light changes from it to the next
+    std::vector<float> change_;       // lm/m², one a vertex, of direct light's exitance around it
+    float unseen_ = 0.0F;             // lx, below which such a change doesn't show
     std::vector<std::uint8_t> tight_; // one a vertex: most of what it sees is nearer than the next
     std::uint64_t rays_ = 0;
 };

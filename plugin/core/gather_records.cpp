@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 
 #include "core/coincident_surfaces.h"
 #include "core/sampling.h"
@@ -110,6 +111,38 @@ bool RecordTracer::is_near(const Point& point, const VertexLight& light) const {
            areas * static_cast<float>(scene_.mesh().areas[point.vertex]);
 }
 
+// In a record of so many rays: the more there are, the less noise hides it.
+bool RecordTracer::shows_change(const Point& point, const Ray& ray, const Vec3f& receiver_normal,
+                                std::uint32_t rays, const VertexLight& light) const {
+    if (point.vertex < 0 || light.change.empty()) {
+        return false;
+    }
+    // By the form factor of what is nearest to the vertex.
+    const float cosines =
+        dot(ray.direction, receiver_normal) * std::abs(dot(ray.direction, normalize(point.normal)));
+    const auto area = static_cast<float>(scene_.mesh().areas[point.vertex]);
+    const float square = std::numbers::pi_v<float> * point.distance * point.distance;
+    return light.change[point.vertex] * cosines * area * std::sqrt(static_cast<float>(rays)) >
+           light.unseen * square;
+}
+
+Receiver RecordTracer::receiver_at(const Point& point) const {
+    const RayCaster& caster = scene_.ray_caster();
+    const Vec3f normal = normalize(point.normal);
+    const Vec3f lifted = point.position + normal * caster.offset(point.position, point.distance);
+    return {lifted.as<double>() + caster.origin(), normal, point.surface->mesh};
+}
+
+// Direct light at the point itself, indirect light of the vertex.
+NearHit RecordTracer::light_point(const Point& point, PhotonRandom& random,
+                                  std::uint32_t& rays) const {
+    ++rays;
+    const auto vertices = static_cast<std::int32_t>(scene_.mesh().positions.size());
+    return {point.surface->reflectance * direct_illuminance(receiver_at(point), random),
+            {1.0F, 1.0F, 1.0F},
+            vertices + point.vertex};
+}
+
 void RecordTracer::trace(const Receiver& receiver, std::uint32_t rays, const VertexLight& light,
                          GatherRecord& record) const {
     const RayCaster& caster = scene_.ray_caster();
@@ -126,15 +159,19 @@ void RecordTracer::trace(const Receiver& receiver, std::uint32_t rays, const Ver
         const Vec3f direction =
             s * a + t * b + receiver.normal * std::sqrt(std::max(0.0F, 1.0F - a * a - b * b));
         PhotonRandom random(key, index);
-        const Point point = hit_point({from, direction}, random);
+        const Ray ray{from, direction};
+        const Point point = hit_point(ray, random);
         const bool close = point.distance > 0.0F && point.distance * point.distance < area;
         record.close_rays += close ? 1 : 0;
         std::int32_t hit = point.vertex;
         const std::int32_t patch = hit < 0 ? -1 : light.bright.seen_from(from, hit);
         if (patch >= 0) {
-            hit = static_cast<std::int32_t>(mesh.positions.size()) + patch;
+            hit = static_cast<std::int32_t>(2 * mesh.positions.size()) + patch;
         } else if (is_near(point, light)) {
             record.near_hits.push_back(follow(point, light, random, record.further_rays));
+            hit = -1 - static_cast<std::int32_t>(record.near_hits.size());
+        } else if (shows_change(point, ray, receiver.normal, index + 1, light)) {
+            record.near_hits.push_back(light_point(point, random, record.further_rays));
             hit = -1 - static_cast<std::int32_t>(record.near_hits.size());
         }
         record.hits.push_back(hit);
@@ -154,10 +191,7 @@ NearHit RecordTracer::follow(Point point, const VertexLight& light, PhotonRandom
     NearHit out{{}, {1.0F, 1.0F, 1.0F}, -1};
     for (;;) {
         out.share = out.share * point.surface->reflectance;
-        const Vec3f normal = normalize(point.normal);
-        const Vec3f lifted =
-            point.position + normal * caster.offset(point.position, point.distance);
-        const Receiver at{lifted.as<double>() + caster.origin(), normal, point.surface->mesh};
+        const Receiver at = receiver_at(point);
         out.direct += out.share * direct_at(point, at, light, random, rays);
         const float most = std::max({out.share.x, out.share.y, out.share.z});
         if (most < kLeastShare) {
@@ -167,7 +201,8 @@ NearHit RecordTracer::follow(Point point, const VertexLight& light, PhotonRandom
             out.share = out.share * (kLeastShare / most);
         }
         ++rays;
-        point = hit_point({lifted, cosine_direction(normal, random)}, random);
+        const Vec3f from = (at.position - caster.origin()).as<float>();
+        point = hit_point({from, cosine_direction(at.normal, random)}, random);
         if (!is_near(point, light)) {
             out.hit = point.vertex;
             return out;

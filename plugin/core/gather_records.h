@@ -6,7 +6,9 @@
 //
 // A vertex says little of a point that is nearer to the receiver than the next vertex: from there a
 // ray bounces on until it has come far enough, and where direct light isn't smooth it is that of
-// the points [Jensen 2001, §9.2.2: secondary rays where distances are short].
+// the points [Jensen 2001, §9.2.2: secondary rays where distances are short]. Of points further off
+// direct light alone is traced, where its change around a vertex would show: the edge of a shadow
+// on the wall behind a sofa, in a bowl of fruit, inside of a lampshade.
 #pragma once
 
 #include <cstdint>
@@ -20,16 +22,17 @@
 
 namespace isolux {
 
-// What a ray meets that hits nearby, until it hits far away.
+// What a ray meets that hits nearby, until it hits far away, or where direct light changes.
 struct NearHit {
     Vec3f direct;     // lm/m² by channel, exitance by light straight from the luminaires
     Vec3f share;      // of the last hit's exitance
-    std::int32_t hit; // the last: a vertex, or -1: black
+    std::int32_t hit; // the last: a vertex, its indirect light, or -1: black
 };
 
 struct GatherRecord {
     std::int32_t vertex = 0;
-    // A ray: what it looks up, a vertex or, beyond these, a bright patch up to the cap; -1: black;
+    // A ray: what it looks up, a vertex or, beyond these, the indirect light of a vertex, a bright
+    // patch up to the cap; -1: black;
     // -2 - i: near hit i.
     std::vector<std::int32_t> hits;
     std::vector<BrightHit> bright_hits;
@@ -54,6 +57,9 @@ struct VertexLight {
     std::span<const Vec3f> direct;       // lx by channel, one a vertex
     std::span<const std::uint8_t> rough; // whether it isn't linear from this vertex to the next
     std::span<const std::uint8_t> tight; // whether most of what it sees is nearer than the next
+    // lm/m², by which what direct light leaves differs around each; none: not known
+    std::span<const float> change;
+    float unseen; // lx, below which a change in what a receiver sees doesn't show in one ray
 };
 
 class RecordTracer {
@@ -68,6 +74,10 @@ class RecordTracer {
     struct Point;
     Point hit_point(const Ray& ray, PhotonRandom& random) const;
     bool is_near(const Point& point, const VertexLight& light) const;
+    bool shows_change(const Point& point, const Ray& ray, const Vec3f& receiver_normal,
+                      std::uint32_t rays, const VertexLight& light) const;
+    NearHit light_point(const Point& point, PhotonRandom& random, std::uint32_t& rays) const;
+    Receiver receiver_at(const Point& point) const;
     NearHit follow(Point point, const VertexLight& light, PhotonRandom& random,
                    std::uint32_t& rays) const;
     Vec3f direct_at(const Point& point, const Receiver& at, const VertexLight& light,
@@ -84,7 +94,7 @@ struct Exitance {
     float x, y, z, unused;
 };
 struct Exitances {
-    std::vector<Exitance> seen; // of each vertex, then of each bright patch up to the cap
+    std::vector<Exitance> seen; // of each vertex, its indirect light, each bright patch to the cap
     std::vector<Vec3f> above;   // of each bright patch, what is above
 };
 

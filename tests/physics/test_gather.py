@@ -1,12 +1,17 @@
 """Gathered indirect light against what is known of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from usd_scenes.furnace_sphere.generate import icosphere
 from usd_scenes.shapes import box, rectangle
 
-from core_scenes import luminaire, retrace, surface, trace
+from core_scenes import Traced, distant, luminaire, retrace, surface, trace
+from hand_built import scene_of
 from isolux import _core
+from isolux.core_scene import build_core_scene
+from isolux.settings import SolverSettings
 from validation.rows import GLOBAL
 
 pytestmark = pytest.mark.validation(GLOBAL)
@@ -193,6 +198,14 @@ def gathered_from_direct(traced, light, rays, arrived=None):
     return found["indirect"] @ WEIGHTS, found
 
 
+def in_sunlight(meshes, shadow):
+    """100 lx from straight above. shadow : path of the mesh that alone stands in it"""
+    sun = replace(distant(100.0), shadow_meshes=frozenset({shadow}))
+    scene = replace(scene_of(meshes), luminaires=(sun,))
+    core = build_core_scene(scene, SolverSettings(), 2, divide=False)
+    return Traced(core, _core.PhotonBuckets(core), meshes)
+
+
 def form_factors(position, normal, points, facing, areas):
     """(n,) of points to each position, by their sum. position, normal : (3,); points : (n, 3)"""
     to = points - position
@@ -240,9 +253,9 @@ def test_a_bright_spot_is_seen_by_few_rays():
 
 def test_a_vertex_in_the_foot_of_a_column_does_not_darken_the_floor_around_it():
     floor = surface(rectangle((-1, -1, 0), (2, 0, 0), (0, 2, 0), 1.0), 0.5)
-    foot = surface(box((0.4, 0.4, 0.02), 0.4).moved(z=0.01), 0.0)
+    foot = surface(box((0.4, 0.4, 0.02), 0.4).moved(z=0.01), 0.0, path="/Foot")
     ceiling = surface(rectangle((-1, -1, 1), (0, 2, 0), (2, 0, 0), 0.25), 0.0)
-    traced = trace([floor, foot, ceiling], [luminaire(at=(0.5, 0.5, 0.9))], 1000)
+    traced = in_sunlight([floor, foot, ceiling], "/Foot")
     at_floor, at_ceiling = traced.front(0), traced.front(2)
     place = traced.scene.receiver_positions[at_floor]
     light = np.zeros(len(traced.areas))
@@ -269,8 +282,8 @@ def test_the_dark_behind_a_picture_does_not_darken_the_wall_beside_it(validation
     wall = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 1.0), 0.5)
     picture = rectangle((-0.5, -2, 0.1), (2.5, 0, 0), (0, 4, 0), 0.5)
     opposite = surface(rectangle((-2, -2, 3), (0, 4, 0), (4, 0, 0), 0.25), 0.0)
-    meshes = [wall, surface(picture, 0.0, double_sided=True), opposite]
-    traced = trace(meshes, [luminaire(at=(0, 0, 2))], 1000)
+    black = surface(picture, 0.0, double_sided=True, path="/Picture")
+    traced = in_sunlight([wall, black, opposite], "/Picture")
     at_wall, at_opposite = traced.front(0), traced.front(2)
     light = np.ones(len(traced.areas))  # some gets behind the picture
     light[at_wall] = np.where(traced.scene.receiver_positions[at_wall, 0] < -0.5, 100.0, 1.0)
@@ -287,6 +300,31 @@ def test_the_dark_behind_a_picture_does_not_darken_the_wall_beside_it(validation
     case = "light from a wall beside a picture, mean by gather"
     # 9 % where light falls evenly from the vertex beside to the one behind.
     validation.check(case, means[0], np.array([means[1]]), relative=0.05)
+
+
+def test_the_edge_of_a_shadow_is_seen_where_it_falls(validation):
+    """A shelf close above a floor in the sun; the shadow of an awning ends between the floor's
+    vertices, which are further from each other than from the shelf."""
+    step, height, edge = 0.5, 0.6, 0.1
+    floor = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), step), 0.5)
+    awning = surface(rectangle((edge, -2, 3), (0, 4, 0), (2, 0, 0), 1.0), path="/Awning")
+    shelf = surface(rectangle((-0.5, -0.1, height), (0, 0.2, 0), (1, 0, 0), 0.1))
+    traced = in_sunlight([floor, awning, shelf], "/Awning")
+    at_floor, at_shelf = traced.front(0), traced.front(2)
+    place = traced.scene.receiver_positions
+    light, arrived = np.zeros((2, len(place)))
+    light[at_floor] = np.where(place[at_floor, 0] < edge, 100.0, 0.0)
+    sunny = np.clip((edge - place[at_floor, 0]) / step + 0.5, 0, 1)  # of what is nearest to it
+    arrived[at_floor] = 100.0 * sunny
+    found, _ = gathered_from_direct(traced, light, 4_000 * len(light), arrived)
+    x = (np.arange(400) + 0.5) / 100 - 2
+    a, b = (grid.ravel() for grid in np.meshgrid(x[x < edge], x))
+    points, up = np.stack([a, b, 0 * a], axis=1), np.array([0.0, 0.0, 1.0])
+    expected = [50 * form_factors(p, -up, points, up, 0.01**2) for p in place[at_shelf]]
+    case = "light from a floor with the edge of a shadow, RMS error by gather"
+    rms = np.sqrt(np.mean((found[at_shelf] / expected - 1) ** 2))
+    # 8 % where light is linear from vertex to vertex.
+    validation.bound(case, rms, at_most=0.01)
 
 
 def test_what_covers_a_floor_between_its_vertices_takes_no_light_from_the_rest(validation):

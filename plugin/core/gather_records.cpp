@@ -65,6 +65,9 @@ RecordTracer::RecordTracer(const Scene& scene, std::uint64_t seed) : scene_(scen
     for (const Luminaire& luminaire : scene.luminaires()) {
         luminaires_.emplace_back(luminaire);
     }
+    // Where one of all gives most of the light; of few, each is weighed.
+    const auto all = static_cast<float>(luminaires_.size());
+    chosen_variance_ = std::max(0.0F, all / static_cast<float>(kCandidates) - 1.0F);
 }
 
 RecordTracer::Point RecordTracer::hit_point(const Ray& ray, PhotonRandom& random) const {
@@ -111,7 +114,8 @@ bool RecordTracer::is_near(const Point& point, const VertexLight& light) const {
            areas * static_cast<float>(scene_.mesh().areas[point.vertex]);
 }
 
-// In a record of so many rays: the more there are, the less noise hides it.
+// In a record of so many rays: the more there are, the less noise hides it, that of choosing among
+// many luminaires by shadow rays of its own too.
 bool RecordTracer::shows_change(const Point& point, const Ray& ray, const Vec3f& receiver_normal,
                                 std::uint32_t rays, const VertexLight& light) const {
     if (point.vertex < 0 || light.change.empty()) {
@@ -122,8 +126,12 @@ bool RecordTracer::shows_change(const Point& point, const Ray& ray, const Vec3f&
         dot(ray.direction, receiver_normal) * std::abs(dot(ray.direction, normalize(point.normal)));
     const auto area = static_cast<float>(scene_.mesh().areas[point.vertex]);
     const float square = std::numbers::pi_v<float> * point.distance * point.distance;
-    return light.change[point.vertex] * cosines * area * std::sqrt(static_cast<float>(rays)) >
-           light.unseen * square;
+    const float change = light.change[point.vertex];
+    const float all =
+        std::max(change, luminance(point.surface->reflectance * light.direct[point.vertex]));
+    const auto n = static_cast<float>(rays);
+    return change * cosines * area * std::sqrt(n) > light.unseen * square &&
+           n * cosines * area * change * change > chosen_variance_ * all * all * square;
 }
 
 Receiver RecordTracer::receiver_at(const Point& point) const {

@@ -87,6 +87,7 @@ class RecordTracer {
     const Scene& scene_;
     std::uint64_t seed_;
     std::vector<LuminaireIlluminance> luminaires_;
+    float chosen_variance_ = 0.0F; // relative, about, of direct light by one of kCandidates
 };
 
 // Exitance by channel, lm/m²: what a record sees.

@@ -12,11 +12,6 @@ namespace {
 constexpr std::size_t kRecords = 64;
 constexpr std::array kPaths{LightPath::direct, LightPath::indirect};
 
-// Relative deviations of the light on a side of a mesh, one of each batch of photons: the sum of
-// their squares is the variance, of their products the covariance. Photons that bounce light
-// several sides, so that no count by itself tells it.
-using Deviations = std::array<double, kBatches>;
-
 constexpr std::size_t kBlocks = 64;
 // Rays that the mean noise of all records counts as, beside those of one.
 constexpr double kRaysOfMean = 16.0;
@@ -25,25 +20,30 @@ double square(double x) { return x * x; }
 
 double photometric(const Exitance& e) { return luminance(Vec3f{e.x, e.y, e.z}.as<double>()); }
 
-// Vertices that the record's rays look up, each with the share of all its light. Those beyond the
-// vertices are bright patches, whose light is sure.
+// What the record's rays look up: visit(i, share of all its light) with i a vertex or, beyond them,
+// the indirect light of one. Bright patches are left out, whose light is sure.
 template <typename Visit>
-void for_each_vertex(const GatherRecord& record, std::size_t vertices, const Visit& visit) {
+void for_each_lookup(const GatherRecord& record, std::size_t vertices, const Visit& visit) {
     const double share = 1.0 / static_cast<double>(record.rays());
-    const auto is_vertex = [&](std::int32_t v) {
-        return v >= 0 && static_cast<std::size_t>(v) < vertices;
+    const auto is_vertex = [&](std::int32_t i) {
+        return i >= 0 && static_cast<std::size_t>(i) < 2 * vertices;
     };
-    for (const std::int32_t v : record.hits) {
-        if (is_vertex(v)) {
-            visit(v, share);
+    for (const std::int32_t i : record.hits) {
+        if (is_vertex(i)) {
+            visit(static_cast<std::size_t>(i), share);
         }
     }
     for (const NearHit& near : record.near_hits) {
         if (is_vertex(near.hit)) {
-            visit(near.hit, share * luminance(near.share.as<double>()));
+            visit(static_cast<std::size_t>(near.hit), share * luminance(near.share.as<double>()));
         }
     }
 }
+
+// Relative deviations of the light on a side of a mesh, one of each batch of photons: the sum of
+// their squares is the variance, of their products the covariance. Photons that bounce light
+// several sides, so that no count by itself tells it.
+using Deviations = std::array<double, kBatches>;
 
 struct SideLight {
     std::array<std::vector<Deviations>, 2> deviations; // of each path, one a side
@@ -95,14 +95,15 @@ double photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> rece
     for (std::size_t r = 0; r < records.size(); r += step) {
         const GatherRecord& record = records[r];
         Deviations off{};
-        for_each_vertex(record, receivers.size(), [&](std::int32_t v, double share) {
+        for_each_lookup(record, receivers.size(), [&](std::size_t i, double share) {
+            const std::size_t v = i % receivers.size();
             const double light = luminance(seen.illuminance[v].as<double>());
             if (light <= 0.0) {
                 return;
             }
             const double reflected = share * photometric(seen.exitances[v]) / light;
             const std::size_t side = mesh_side(receivers[v]);
-            for (const std::size_t p : {0U, 1U}) {
+            for (std::size_t p = i == v ? 0 : 1; p < kPaths.size(); ++p) {
                 const double part =
                     reflected * luminance(seen.joined[p]->illuminance[v].as<double>());
                 for (std::size_t b = 0; b < kBatches; ++b) {
@@ -130,38 +131,39 @@ double photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> rece
 std::vector<double> bucket_noise(std::span<const GatherRecord> records, const SeenLight& seen,
                                  int threads) {
     const std::size_t vertices = seen.illuminance.size();
-    std::vector<double> variances(vertices); // lm²/m⁴, of exitances
+    std::vector<double> variances(2 * vertices); // lm²/m⁴, of exitances
     for (std::size_t v = 0; v < vertices; ++v) {
         const double light = luminance(seen.illuminance[v].as<double>());
         if (light > 0.0) {
-            variances[v] = square(photometric(seen.exitances[v]) / light) *
-                           (seen.joined[0]->variance[v] + seen.joined[1]->variance[v]);
+            const double reflected = square(photometric(seen.exitances[v]) / light);
+            variances[vertices + v] = reflected * seen.joined[1]->variance[v];
+            variances[v] = reflected * seen.joined[0]->variance[v] + variances[vertices + v];
         }
     }
     std::vector<double> out(records.size());
-    parallel_blocks(threads, std::size_t{0}, records.size(), std::size_t{1024},
+    const std::size_t grain = records.size() / kBlocks + 1; // each clears sums for all vertices
+    parallel_blocks(threads, std::size_t{0}, records.size(), grain,
                     [&](std::size_t begin, std::size_t end) {
                         struct Sum {
                             double share, square;
                         };
-                        std::vector<Sum> sums(vertices); // over the rays that end in a bucket
-                        std::vector<std::int32_t> met;
+                        std::vector<Sum> sums(variances.size()); // over rays that end in a bucket
+                        std::vector<std::size_t> met;
                         for (std::size_t r = begin; r < end; ++r) {
                             const double n = records[r].rays();
-                            for_each_vertex(records[r], vertices,
-                                            [&](std::int32_t v, double share) {
-                                                Sum& sum = sums[v];
-                                                if (sum.share == 0.0) {
-                                                    met.push_back(v);
-                                                }
-                                                sum.share += n * share;
-                                                sum.square += square(n * share);
-                                            });
+                            for_each_lookup(records[r], vertices, [&](std::size_t i, double share) {
+                                Sum& sum = sums[i];
+                                if (sum.share == 0.0) {
+                                    met.push_back(i);
+                                }
+                                sum.share += n * share;
+                                sum.square += square(n * share);
+                            });
                             // Of each two rays: what single ones tell is part of their noise.
-                            for (const std::int32_t v : met) {
-                                const auto [share, own] = sums[v];
-                                sums[v] = {};
-                                out[r] += (share * share - own) * variances[v];
+                            for (const std::size_t i : met) {
+                                const auto [share, own] = sums[i];
+                                sums[i] = {};
+                                out[r] += (share * share - own) * variances[i];
                             }
                             met.clear();
                             out[r] /= n > 1.0 ? n * (n - 1.0) : 1.0;

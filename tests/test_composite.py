@@ -41,7 +41,8 @@ class SimulatedRun:
 
     def trace_until(self, goal: StageGoal, component):
         seconds = goal.seconds - self.finishing_seconds(component) - self.elapsed
-        photons = min(goal.photons - self.photons, max(0.0, seconds) * PHOTONS_A_SECOND)
+        missing = max(0.0, goal.photons - self.photons)
+        photons = min(missing, max(0.0, seconds) * PHOTONS_A_SECOND)
         self.photons += round(photons)
         self.elapsed += photons / PHOTONS_A_SECOND
 
@@ -148,6 +149,28 @@ def test_the_one_gather_that_is_left_takes_the_time_that_there_is():
     every = made("composite", run)
     assert shown(every) == ["gather"]
     assert run.elapsed == pytest.approx(60, rel=0.1)
+
+
+def test_rays_that_become_cheaper_leave_no_time_over():
+    """A gather takes half a second beside its rays, as looking up and smoothing do."""
+
+    class Run(SimulatedRun):
+        last_gather = 0
+
+        @property
+        def seconds_per_gather_ray(self):
+            ray = 0.25 / PHOTONS_A_SECOND
+            return ray + 0.5 / self.last_gather if self.last_gather else 4 * ray
+
+    run = Run(SolverSettings(target_error=0, time_budget=20))
+    for step in steps("composite", run):
+        if step.component == "gather":
+            run.last_gather = step.rays
+        run.elapsed += {"DDL": 2.0, "gather": step.rays * run.seconds_per_gather_ray}.get(
+            step.component, 0.0
+        )
+    assert step.shown
+    assert run.elapsed == pytest.approx(20, rel=0.05)
 
 
 def test_direct_light_becomes_finer_between_gathers_as_long_as_it_holds_them_back():

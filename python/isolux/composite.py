@@ -25,6 +25,8 @@ LEAST_GATHER_RAYS = 4
 # Error of the photons' indirect light from which on the fewest rays are worth a stage of their own:
 # in office, hall and box they leave 22, 9 and 13 % of 51, 23 and 11.
 LOOK_ERROR = 0.25
+# Of the time planned for a gather, from which on the time of a ray counts as known.
+AS_PLANNED = 0.8
 # How much longer each finer pass over direct light takes; it may take half of what is left.
 FINER_DIRECT_SECONDS = 2
 # Rays of the first step of radiosity; they double from step to step.
@@ -184,12 +186,11 @@ def _photon_steps(run: Run, component: Component, stages: int) -> Iterator[Stage
 
 def _gather_steps(run: Run, stages: int) -> Iterator[StagePlan]:
     """Photons, and a gather over their light, until a stopping criterion."""
-    gathered, least = 0, LEAST_GATHER_RAYS * run.vertices
-    shown = stages >= 3 and run.indirect_error > LOOK_ERROR
-    if shown:
+    gathered = 0
+    if stages >= 3 and run.indirect_error > LOOK_ERROR:
         stages -= 1
-        gathered = least
-        yield StagePlan("gather", run.photons, least)
+        gathered = LEAST_GATHER_RAYS * run.vertices
+        yield StagePlan("gather", run.photons, gathered)
     for goal in stage_goals(run.settings, stages):
         all_but_reached = goal.photons < 1.25 * run.photons or goal.seconds < 1.25 * run.elapsed
         if all_but_reached and not goal.last:
@@ -198,28 +199,47 @@ def _gather_steps(run: Run, stages: int) -> Iterator[StagePlan]:
         finer = 2 * FINER_DIRECT_SECONDS * run.finishing_seconds("DDL")
         if gathered > 0 and run.direct_holds_back and run.elapsed + finer <= goal.seconds:
             yield StagePlan("DDL", run.photons, shown=False)
-        photons, rays = goal.photons, math.inf
-        if goal.last and gathered == 0 and goal.seconds < math.inf:
-            # Until rays are timed they count as photons, and half of the time would be left over.
-            quarter = (goal.seconds - run.elapsed) / 4 / run.seconds_per_gather_ray
-            if quarter >= least:
-                gathered = int(quarter)
-                yield StagePlan("gather", run.photons, gathered, shown=False)
-        if goal.seconds < math.inf:
-            # Both in proportion, as far as the time goes.
+        rays = yield from _gather_stage(run, goal, gathered)
+        if rays == gathered:
+            return
+        gathered = rays
+
+
+def _gather_stage(run: Run, goal: StageGoal, gathered: int) -> Generator[StagePlan, None, int]:
+    """Photons and rays in proportion, as far as the time goes.
+
+    A ray is the cheaper the more there are, and before the first it counts as a photon. Halves of
+    what is left to the last stage, not shown, tell how many there is time for.
+
+    gathered : rays so far
+    returns : the same after it
+    """
+    least = LEAST_GATHER_RAYS * run.vertices
+    by_time = goal.seconds < math.inf
+    halve = goal.last and by_time
+    before = gathered
+    while True:
+        began, photons, rays = run.elapsed, goal.photons, math.inf
+        planned = max(0.0, goal.seconds - began)
+        if by_time:
+            planned *= 1.0 if not halve else 0.5 if gathered > 0 else 0.25
             photon, ray = run.seconds_per_photon, run.seconds_per_gather_ray
-            left = max(0.0, goal.seconds - run.elapsed)
-            both = left + run.photons * photon + gathered * ray
+            both = planned + run.photons * photon + gathered * ray
             photons = min(photons, both // (photon + GATHER_RAYS_PER_PHOTON * ray))
-            rays = left / ray
-            if goal.last and shown and rays < least:
-                return
+            rays = planned / ray
+            if halve and rays < least:
+                halve = False
+                continue
+            if goal.last and rays < least and 0 < gathered == before:
+                return gathered
         run.trace_until(StageGoal(photons, goal.seconds, goal.last), "gather")
         rays = min(rays, GATHER_RAYS_PER_PHOTON * run.photons - gathered)
-        step = StagePlan("gather", run.photons, max(least, math.ceil(rays)))
+        step = StagePlan("gather", run.photons, max(least, math.ceil(rays)), shown=not halve)
         gathered += step.rays
-        shown = True
         yield step
+        if step.shown:
+            return gathered
+        halve = run.elapsed - began < AS_PLANNED * planned
 
 
 def _radiosity_steps(run: Run) -> Iterator[StagePlan]:

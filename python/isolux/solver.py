@@ -304,6 +304,7 @@ class ProgressiveSolver:
             light.direct,
             light.direct_error,
             photometric(light.indirect),
+            self._solved.areas,
             lambda share: self._working("DDL"),
         )
         light.take_direct(*found)

@@ -29,7 +29,6 @@ from reference import INDIRECT, path_traced_reference
 
 from isolux import _core
 from isolux.components import DIRECT_ACCURACY
-from isolux.composite import RADIOSITY_POLYGONS
 from isolux.core_scene import build_core_scene
 from isolux.scene_description import SceneDescription
 from isolux.settings import Method, SolverSettings
@@ -50,6 +49,8 @@ FILTER_ACCURACY = 0.01
 # The gather needs no more photons than this; they stand for 10 rays each.
 GATHER_PHOTONS = 1_000_000
 RADIOSITY_ACCURACY = 0.01
+# Below so many it is the faster way to the indirect light, by the paper [Volevich 2000, §3.2].
+RADIOSITY_POLYGONS = 500
 
 Array = NDArray[np.float64]
 

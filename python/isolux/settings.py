@@ -38,8 +38,7 @@ class SolverSettings:
     """Settings of one run of the solver. Raises SettingsError for a value out of its range.
 
     method : the solver's components: the composite, photons alone, or direct lighting with photons
-        or with radiosity for the indirect light; auto: radiosity below 500 polygons unless photons
-        bound the run, else the composite
+        or with radiosity for the indirect light; auto: the composite
     target_error : relative RMS error of the illuminance at which to stop; 0.05, not 5 %
     time_budget : s of solving after which to stop
     photons : number of emitted photons at which to stop

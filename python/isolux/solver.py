@@ -72,7 +72,7 @@ class ProgressiveSolver:
         started = clock()
         self.scene = scene
         self.settings = settings
-        self.method = chosen_method(scene, settings)
+        self.method = chosen_method(settings)
         self.reflects = any(bool(np.any(mesh.reflectance > 0)) for mesh in scene.meshes)
         self.elapsed = 0.0
         self.radiosity_finished = False

@@ -36,11 +36,14 @@ def illuminate(scene, points=None, normals=None, *, seed=1, accuracy=0.01, indir
     return found
 
 
-def penumbra_illuminance(points):
-    """Of AREA_LAMP past BLOCKER: the lamp less what the blocker hides of it, both rectangles."""
-    half, shadow = np.array([0.3, 0.2]), np.array([[-0.5, -0.5], [0.4, 0.2]])
+def penumbra_illuminance(points, blocker=((-0.5, -0.5), (0.4, 0.2))):
+    """Of AREA_LAMP past BLOCKER: the lamp less what the blocker hides of it, both rectangles.
+
+    blocker : its low and its high corner
+    """
+    half = np.array([0.3, 0.2])
     # The blocker's corners on the lamp, seen from each point: it is at half of the lamp's height.
-    hidden = np.clip(2 * shadow[:, None] - points[:, :2], -half, half)
+    hidden = np.clip(2 * np.array(blocker)[:, None] - points[:, :2], -half, half)
 
     def from_above(low, high):
         """Configuration factor of a parallel rectangle 2 m above, of four with a corner above."""
@@ -68,6 +71,20 @@ def test_penumbra_of_an_area_light_and_its_told_error(accuracy):
     assert np.sqrt(np.mean((error / np.maximum(truth, truth.mean())) ** 2)) < accuracy
     assert 0.4 * told < np.sqrt(np.mean(error**2)) < 1.25 * told
     assert abs(error.mean()) < 0.2 * accuracy * truth.mean()  # no bias to either side
+
+
+@pytest.mark.parametrize("accuracy", [0.03, 0.01])
+def test_the_error_told_knows_of_cords_that_hide_from_all_shadow_rays(accuracy):
+    """2 cm wide, before a lamp of 60: all rays of many points pass beside it."""
+    cord = surface(rectangle((-0.01, -2, 1), (0.02, 0, 0), (0, 4, 0), 0.02), double_sided=True)
+    scene = build([FLOOR, cord], [AREA_LAMP])
+    rng = np.random.default_rng(6)
+    points = np.append(rng.uniform(-1.2, 1.2, (20_000, 2)), np.zeros((20_000, 1)), axis=1)
+    truth = penumbra_illuminance(points, ((-0.01, -2), (0.01, 2)))
+    found = illuminate(scene, points, (0, 0, 1), accuracy=accuracy)
+    told = np.sqrt(np.mean(found["standard_error"].astype(float) ** 2))
+    true = np.sqrt(np.mean((found["illuminance"] - truth) ** 2))
+    assert 0.8 * true < told < 1.4 * true
 
 
 def test_light_from_elsewhere_saves_shadow_rays():

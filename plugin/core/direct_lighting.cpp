@@ -10,6 +10,9 @@ namespace {
 // So few luminaires are looked at one by one.
 constexpr std::size_t kFewLuminaires = 32;
 
+// Luminaires of receivers that what is thought of edges is worth, beside those looked at again.
+constexpr double kBelieved = 100.0;
+
 double mean_illuminance(const Scene& scene) {
     double area = 0.0;
     for (const double a : scene.mesh().areas) {
@@ -56,11 +59,20 @@ DirectIllumination DirectLighting::illuminate(std::span<const Receiver> receiver
         });
     // Where one receiver's rays met no edge, those of all tell how often there is one.
     double met = 0.0, angle_tried = 0.0;
+    Verified verified;
     for (const ShadowTesting::Found& found : all) {
         met += found.met;
         angle_tried += found.angle_tried;
+        verified.missed += found.verified.missed;
+        verified.edges += found.verified.edges;
+        verified.shares += found.verified.shares;
     }
-    const double rate = edges_per_radian(met, angle_tried);
+    double rate = edges_per_radian(met, angle_tried);
+    if (verified.edges > 0.0) {
+        const double thought = rate * verified.edges;
+        const double believed = kBelieved * thought / static_cast<double>(verified.shares);
+        rate *= (believed + verified.missed) / (believed + thought);
+    }
     for (std::size_t i = 0; i < all.size(); ++i) {
         out.illuminance[i] = all[i].illuminance;
         out.standard_error[i] = static_cast<float>(std::sqrt(all[i].known + rate * all[i].edges));

@@ -32,6 +32,13 @@ struct DirectSources {
 // How often shadows have edges, from as many that were met in all the angle, rad, that was tried.
 double edges_per_radian(double met, double angle_tried);
 
+// Luminaires of some receivers at which all shadow rays agreed, and what as many again say of them.
+struct Verified {
+    double missed = 0.0;      // lx², squared light that was missed
+    double edges = 0.0;       // lx², its variance as thought, for each edge a radian
+    std::uint64_t shares = 0; // luminaires looked at
+};
+
 // At one receiver after another; keeps its memory.
 class ShadowTesting {
   public:
@@ -41,6 +48,7 @@ class ShadowTesting {
         Vec3f illuminance;
         double known, edges;     // lx², variance; the second for each edge a radian
         double met, angle_tried; // edges; 1, rad
+        Verified verified;
         std::uint64_t shadow_rays;
     };
     // indirect : lx, photometric: light beside which small errors of direct light don't show
@@ -88,6 +96,7 @@ class ShadowTesting {
     void refine();
     void cast();
     void settle();
+    Verified verify();
     double edges_per_radian() const { return isolux::edges_per_radian(edges_met_, angle_tried_); }
     double variance() const { return known_ + edges_per_radian() * edges_; }
     double allowed() const;

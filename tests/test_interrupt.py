@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from isolux.interrupt import stop_on_signal
+from isolux.interrupt import signals_held, stop_on_signal
 
 
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
@@ -18,3 +18,11 @@ def test_the_first_signal_asks_and_the_second_insists(sent):
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
     assert signal.getsignal(sent) == before
+
+
+def test_a_signal_that_is_held_comes_after_the_block():
+    finished = []
+    with pytest.raises(KeyboardInterrupt), signals_held():
+        os.kill(os.getpid(), signal.SIGINT)
+        finished.append(True)
+    assert finished

@@ -367,6 +367,7 @@ def check(
     change nothing in how the command ends: as `solve` would.
     """
     from .dark_stages import what_is_dark
+    from .interrupt import signals_held
     from .settings import settings_from_stage
     from .solve_command import print_warnings
     from .stage_check import check_stage
@@ -383,7 +384,9 @@ def check(
 
     opening = StageOpening.parse(variant or (), load, mask or ())
     console = new_console()
-    checked = check_stage(open_stage(stage, opening))
+    opened = open_stage(stage, opening)
+    with signals_held():
+        checked = check_stage(opened)
     if checked.complaints:
         console.print(complaint_table(checked.complaints))
     for reason, count in checked.left_out.items():

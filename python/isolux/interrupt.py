@@ -33,3 +33,15 @@ def stop_on_signal() -> Iterator[StopRequest]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def signals_held() -> Iterator[None]:
+    """The first SIGINT or SIGTERM within the block comes after it.
+
+    For code of USD that runs Python, and prints the traceback of an interruption there.
+    """
+    with stop_on_signal() as stop:
+        yield
+    if stop.signal is not None:
+        signal.raise_signal(stop.signal)

@@ -183,12 +183,16 @@ float FinalGather::beyond_chance(const KnownLight& light, std::int32_t v) const 
     return (n - k) * (n - k) > 9.0F * std::max(n, k) * photon ? std::abs(n - k) : 0.0F;
 }
 
-void FinalGather::find_rough(const KnownLight& light) {
+// Of direct light, from each vertex to the next, and from what is known to the photons beyond what
+// is chance.
+void FinalGather::find_change(const KnownLight& light) {
     direct_ = light.direct;
     std::ranges::fill(rough_, light.direct.empty() ? 1 : 0);
+    change_.clear();
     if (light.direct.empty()) {
         return;
     }
+    std::vector<float> change(receivers_.size());
     const IlluminationMesh& mesh = scene_.mesh();
     for_each_side(mesh, [&](const MeshElement&, const auto& vertices) {
         float low = 0.0F, high = 0.0F, all = 0.0F;
@@ -198,42 +202,25 @@ void FinalGather::find_rough(const KnownLight& light) {
             high = k == 0 ? e : std::max(high, e);
             all += luminance(light.all[vertices[k]]) / 3.0F;
         }
-        if (relative_spread(low, high, std::max(all, high)) > kRough) {
-            for (const std::int32_t v : vertices) {
-                rough_[v] = 1;
-            }
+        const bool rough = relative_spread(low, high, std::max(all, high)) > kRough;
+        for (const std::int32_t v : vertices) {
+            rough_[v] = rough ? 1 : rough_[v];
+            change[v] = std::max(change[v], high - low);
         }
     });
-    for (const std::int32_t v : lit_) {
-        if (!light.indirect.empty() && beyond_chance(light, v) > 0.0F) {
-            rough_[v] = 1;
-        }
-    }
-}
-
-// From each vertex to the next, and from what is known to the photons beyond what is chance.
-void FinalGather::find_change(const KnownLight& light) {
-    change_.clear();
-    if (light.direct.empty() || light.indirect.empty()) {
+    if (light.indirect.empty()) {
         return;
     }
-    change_.resize(receivers_.size());
-    const IlluminationMesh& mesh = scene_.mesh();
-    for_each_side(mesh, [&](const MeshElement&, const auto& vertices) {
-        const auto [low, high] = std::ranges::minmax({luminance(light.direct[vertices[0]]),
-                                                      luminance(light.direct[vertices[1]]),
-                                                      luminance(light.direct[vertices[2]])});
-        for (const std::int32_t v : vertices) {
-            change_[v] = std::max(change_[v], high - low);
-        }
-    });
     double flux = 0.0, area = 0.0; // lm, m²
     for (const std::int32_t v : lit_) {
-        change_[v] = std::max(change_[v], beyond_chance(light, v)) * luminance(reflectances_[v]);
+        const float off = beyond_chance(light, v);
+        rough_[v] = off > 0.0F ? 1 : rough_[v];
+        change[v] = std::max(change[v], off) * luminance(reflectances_[v]);
         flux += mesh.areas[v] * luminance(light.all[v].as<double>());
         area += mesh.areas[v];
     }
     unseen_ = static_cast<float>(kUnseen * flux / area);
+    change_ = std::move(change);
 }
 
 void FinalGather::find_tight() {
@@ -343,7 +330,6 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
         return out;
     }
     const std::uint64_t rays_before = rays_, end = rays_ + ray_budget;
-    find_rough(light);
     find_change(light);
     // It takes as long as several rays a vertex, and beside the noise of fewer it doesn't show.
     if (visible_.nearest.empty() && end >= kFirstRays * lit_.size()) {

@@ -54,7 +54,6 @@ class FinalGather {
     void find_visible(const KnownLight& light, int threads);
     void find_direct(const KnownLight& light);
     void find_exitances(const KnownLight& light);
-    void find_rough(const KnownLight& light);
     float beyond_chance(const KnownLight& light, std::int32_t v) const;
     void find_change(const KnownLight& light);
     void find_tight();

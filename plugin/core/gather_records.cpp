@@ -175,11 +175,10 @@ void RecordTracer::trace(const Receiver& receiver, std::uint32_t rays, const Ver
         const std::int32_t patch = hit < 0 ? -1 : light.bright.seen_from(from, hit);
         if (patch >= 0) {
             hit = static_cast<std::int32_t>(2 * mesh.positions.size()) + patch;
-        } else if (is_near(point, light)) {
-            record.near_hits.push_back(follow(point, light, random, record.further_rays));
-            hit = -1 - static_cast<std::int32_t>(record.near_hits.size());
-        } else if (shows_change(point, ray, receiver.normal, index + 1, light)) {
-            record.near_hits.push_back(light_point(point, random, record.further_rays));
+        } else if (const bool near = is_near(point, light);
+                   near || shows_change(point, ray, receiver.normal, index + 1, light)) {
+            record.near_hits.push_back(near ? follow(point, light, random, record.further_rays)
+                                            : light_point(point, random, record.further_rays));
             hit = -1 - static_cast<std::int32_t>(record.near_hits.size());
         }
         record.hits.push_back(hit);

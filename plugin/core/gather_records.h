@@ -99,6 +99,27 @@ struct Exitances {
     std::vector<Vec3f> above;   // of each bright patch, what is above
 };
 
+inline double photometric(const Exitance& e) {
+    return luminance(Vec3f{e.x, e.y, e.z}.as<double>());
+}
+
+// What the record's rays look up below an index: visit(i, weight), 1 for a ray that sees it itself.
+// From 2 V on, the bright patches, light is sure.
+template <typename Visit>
+void for_each_lookup(const GatherRecord& record, std::size_t end, const Visit& visit) {
+    const auto visit_one = [&](std::int32_t i, double weight) {
+        if (i >= 0 && static_cast<std::size_t>(i) < end) {
+            visit(static_cast<std::size_t>(i), weight);
+        }
+    };
+    for (const std::int32_t i : record.hits) {
+        visit_one(i, 1.0);
+    }
+    for (const NearHit& near : record.near_hits) {
+        visit_one(near.hit, luminance(near.share.as<double>()));
+    }
+}
+
 // Looks up what the record's rays hit.
 void look_up(const Exitances& exitances, GatherRecord& record);
 

@@ -18,8 +18,7 @@ std::vector<double> reflected_offset(const IlluminationMesh& mesh,
     const std::vector<double> means = photometric(illuminance);
     std::vector<double> out = bucket_offset(mesh, means);
     for (std::size_t v = 0; v < out.size(); ++v) {
-        const Exitance& e = exitances[v];
-        out[v] *= means[v] > 0.0 ? luminance(Vec3f{e.x, e.y, e.z}.as<double>()) / means[v] : 0.0;
+        out[v] *= means[v] > 0.0 ? photometric(exitances[v]) / means[v] : 0.0;
     }
     return out;
 }
@@ -40,18 +39,10 @@ LookupError lookup_error(const IlluminationMesh& mesh, std::span<const GatherRec
             continue;
         }
         double sum = 0.0, own = 0.0;
-        const auto add = [&](std::int32_t v, double share) {
-            if (v >= 0 && static_cast<std::size_t>(v) < offset.size()) {
-                sum += share * offset[v];
-                own += square(share * offset[v]);
-            }
-        };
-        for (const std::int32_t hit : record.hits) {
-            add(hit, 1.0);
-        }
-        for (const NearHit& near : record.near_hits) {
-            add(near.hit, luminance(near.share.as<double>()));
-        }
+        for_each_lookup(record, offset.size(), [&](std::size_t v, double weight) {
+            sum += weight * offset[v];
+            own += square(weight * offset[v]);
+        });
         // Of each two rays: the squares of single ones are part of their noise.
         errors += area * (sum * sum - own) / (n * (n - 1.0));
         squares += area * square(luminance(record.illuminance.as<double>()));

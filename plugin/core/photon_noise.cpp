@@ -18,28 +18,6 @@ constexpr double kRaysOfMean = 16.0;
 
 double square(double x) { return x * x; }
 
-double photometric(const Exitance& e) { return luminance(Vec3f{e.x, e.y, e.z}.as<double>()); }
-
-// What the record's rays look up: visit(i, share of all its light) with i a vertex or, beyond them,
-// the indirect light of one. Bright patches are left out, whose light is sure.
-template <typename Visit>
-void for_each_lookup(const GatherRecord& record, std::size_t vertices, const Visit& visit) {
-    const double share = 1.0 / static_cast<double>(record.rays());
-    const auto is_vertex = [&](std::int32_t i) {
-        return i >= 0 && static_cast<std::size_t>(i) < 2 * vertices;
-    };
-    for (const std::int32_t i : record.hits) {
-        if (is_vertex(i)) {
-            visit(static_cast<std::size_t>(i), share);
-        }
-    }
-    for (const NearHit& near : record.near_hits) {
-        if (is_vertex(near.hit)) {
-            visit(static_cast<std::size_t>(near.hit), share * luminance(near.share.as<double>()));
-        }
-    }
-}
-
 // Relative deviations of the light on a side of a mesh, one of each batch of photons: the sum of
 // their squares is the variance, of their products the covariance. Photons that bounce light
 // several sides, so that no count by itself tells it.
@@ -95,13 +73,14 @@ double photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> rece
     for (std::size_t r = 0; r < records.size(); r += step) {
         const GatherRecord& record = records[r];
         Deviations off{};
-        for_each_lookup(record, receivers.size(), [&](std::size_t i, double share) {
+        const double share = 1.0 / static_cast<double>(record.rays());
+        for_each_lookup(record, 2 * receivers.size(), [&](std::size_t i, double weight) {
             const std::size_t v = i % receivers.size();
             const double light = luminance(seen.illuminance[v].as<double>());
             if (light <= 0.0) {
                 return;
             }
-            const double reflected = share * photometric(seen.exitances[v]) / light;
+            const double reflected = share * weight * photometric(seen.exitances[v]) / light;
             const std::size_t side = mesh_side(receivers[v]);
             for (std::size_t p = i == v ? 0 : 1; p < kPaths.size(); ++p) {
                 const double part =
@@ -142,33 +121,33 @@ std::vector<double> bucket_noise(std::span<const GatherRecord> records, const Se
     }
     std::vector<double> out(records.size());
     const std::size_t grain = records.size() / kBlocks + 1; // each clears sums for all vertices
-    parallel_blocks(threads, std::size_t{0}, records.size(), grain,
-                    [&](std::size_t begin, std::size_t end) {
-                        struct Sum {
-                            double share, square;
-                        };
-                        std::vector<Sum> sums(variances.size()); // over rays that end in a bucket
-                        std::vector<std::size_t> met;
-                        for (std::size_t r = begin; r < end; ++r) {
-                            const double n = records[r].rays();
-                            for_each_lookup(records[r], vertices, [&](std::size_t i, double share) {
-                                Sum& sum = sums[i];
-                                if (sum.share == 0.0) {
-                                    met.push_back(i);
-                                }
-                                sum.share += n * share;
-                                sum.square += square(n * share);
-                            });
-                            // Of each two rays: what single ones tell is part of their noise.
-                            for (const std::size_t i : met) {
-                                const auto [share, own] = sums[i];
-                                sums[i] = {};
-                                out[r] += (share * share - own) * variances[i];
-                            }
-                            met.clear();
-                            out[r] /= n > 1.0 ? n * (n - 1.0) : 1.0;
-                        }
-                    });
+    parallel_blocks(
+        threads, std::size_t{0}, records.size(), grain, [&](std::size_t begin, std::size_t end) {
+            struct Sum {
+                double weight, square;
+            };
+            std::vector<Sum> sums(variances.size()); // over rays that end in a bucket
+            std::vector<std::size_t> met;
+            for (std::size_t r = begin; r < end; ++r) {
+                const double n = records[r].rays();
+                for_each_lookup(records[r], sums.size(), [&](std::size_t i, double weight) {
+                    Sum& sum = sums[i];
+                    if (sum.weight == 0.0) {
+                        met.push_back(i);
+                    }
+                    sum.weight += weight;
+                    sum.square += square(weight);
+                });
+                // Of each two rays: what single ones tell is part of their noise.
+                for (const std::size_t i : met) {
+                    const auto [weight, own] = sums[i];
+                    sums[i] = {};
+                    out[r] += (weight * weight - own) * variances[i];
+                }
+                met.clear();
+                out[r] /= n > 1.0 ? n * (n - 1.0) : 1.0;
+            }
+        });
     // Few rays seldom end together: they are believed beside as many of the mean.
     double all = 0.0, squares = 0.0;
     for (std::size_t r = 0; r < records.size(); ++r) {

@@ -223,12 +223,17 @@ void ShadowTesting::refine() {
         if (s.cluster != nullptr) {
             split(index);
         } else {
-            s.wanted = 2 * s.samples;
             s.agreed = s.decided() ? s.samples : 0;
-            s.agreed_on = s.visible();
-            pending_.push_back(index);
+            double_samples(index);
         }
     }
+}
+
+void ShadowTesting::double_samples(std::int32_t index) {
+    Share& s = shares_[index];
+    s.agreed_on = s.visible();
+    s.wanted = 2 * s.samples;
+    pending_.push_back(index);
 }
 
 void ShadowTesting::cast() {
@@ -323,14 +328,12 @@ Verified ShadowTesting::verify() {
     Verified out;
     pending_.clear();
     for (std::size_t i = 0; i < shares_.size(); ++i) {
-        Share& s = shares_[i];
+        const Share& s = shares_[i];
         if (s.cluster == nullptr && s.decided() && s.angle > kPointAngle &&
             s.samples < kMostSamples) {
             out.edges += s.edges;
             ++out.shares;
-            s.wanted = 2 * s.samples;
-            s.agreed_on = s.visible();
-            pending_.push_back(static_cast<std::int32_t>(i));
+            double_samples(static_cast<std::int32_t>(i));
         }
     }
     cast();

@@ -94,6 +94,7 @@ class ShadowTesting {
     bool add_sampled(const LightCluster& cluster, const ClusterIlluminance& bound);
     void split(std::int32_t share);
     void refine();
+    void double_samples(std::int32_t share);
     void cast();
     void settle();
     Verified verify();

@@ -151,9 +151,7 @@ def test_the_noise_of_single_buckets_is_told_where_many_rays_look_them_up():
     """A cube of so few buckets that each vertex sees the same ones again and again."""
     traced = trace([surface(box((4, 4, 4), 1.0).flipped(), 0.8)], [luminaire(1000.0)], 1_000_000)
     direct = np.repeat(traced.illuminance[:, :1], 3, axis=1).astype(np.float32)
-    found = []
-    for seed in range(24):
-        found.append(gathered_from_photons(traced, direct, 2000, 256, seed))
+    found = [gathered_from_photons(traced, direct, 2000, 256, seed) for seed in range(24)]
     variance = np.var([f["indirect"] @ WEIGHTS for f in found], axis=0, ddof=1)
     told = np.mean(np.square([f["standard_error"] for f in found]), axis=0)
     walls_met = (np.abs(traced.scene.receiver_positions) > 1.9).sum(axis=1)

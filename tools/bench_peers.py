@@ -205,7 +205,7 @@ def write_agreement(
     """One row a scene and peer; rows of other scenes and peers that are there stay."""
     columns = [
         "scene", "program", "quantity", "samples", "mean_ratio", "mean_error_bar", "rms_difference",
-        "error_bar", "noise", "within",
+        "error_bar", "noise", "within", "commit",
     ]  # fmt: skip
     rows: dict[tuple[str, str], dict[str, str]] = {}
     if path.exists():
@@ -228,6 +228,7 @@ def write_agreement(
             key = {"scene": subject.name, "program": NAMES[peer], "quantity": QUANTITY}
             rows[key["scene"], key["program"]] = {
                 **key, "samples": str(2 * quality), **values, "within": within,
+                "commit": commit(),
             }  # fmt: skip
             print(f"  {subject.name}, {peer}: {found}, within: {within}", flush=True)
             with path.open("w", newline="", encoding="utf-8") as file:

@@ -181,8 +181,7 @@ IndirectIllumination ProgressiveRadiosity::indirect(std::span<const Receiver> re
             exchange.at_point(receivers[i], position_key(receivers[i]), own);
         rays += own;
         out.illuminance[i] = found.illuminance.as<float>();
-        // Leaves of twice the edge are off four times as far.
-        const double leaves = luminance(found.coarser) / 3.0;
+        const double leaves = luminance(found.unevenness);
         out.standard_error[i] =
             static_cast<float>(std::sqrt(found.variance + leaves * leaves + truncated * truncated));
     };

@@ -189,9 +189,13 @@ class Exchange {
             const double own = luminance(light.mean);
             const double share = own > 0.0 ? luminance(seen.light) / own : 0.0;
             const Vec3d more = (exitance_[parent].mean - light.mean) * (f * share);
-            out.coarser += more;
-            // Of a leaf that is near, what the point sees most isn't its mean.
-            out.variance += luminance(more) * luminance(more);
+            // Of a leaf that is near, what the point sees most isn't its mean: off by the first
+            // power of its edge, and alike in all leaves about a corner. Of others by the second:
+            // parents, of twice the edge, are off four times as far.
+            const Vec3d to = nodes_[s].centre - origins.centre;
+            const double distance = std::sqrt(dot(to, to));
+            const double near = std::min(1.0, nodes_[s].radius / std::max(distance, 1e-300));
+            out.unevenness += more * (near + (1.0 - near) / 3.0);
         }
     }
 

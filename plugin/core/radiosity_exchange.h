@@ -17,8 +17,8 @@ namespace isolux {
 // What a point receives.
 struct PointIlluminance {
     Vec3d illuminance;     // lx by channel
-    double variance = 0.0; // lx², photometric, of the rays and of light within leaves
-    Vec3d coarser;         // lx: more, had leaves the mean exitance of their parents
+    double variance = 0.0; // lx², photometric, of the rays
+    Vec3d unevenness;      // lx: error of giving all of a leaf its mean exitance
 };
 
 class RadiosityExchange {

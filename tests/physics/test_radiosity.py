@@ -4,14 +4,20 @@ In a closed room of one reflectance ρ the mean indirect illuminance is ρ E / (
 direct illuminance E, whatever the room's form: CIE 171:2006, case 5.8, tabulates it.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from reference import INDIRECT, path_traced_reference
 from usd_scenes.box_room.generate import LUMINOUS_FLUX, SIZE
 from usd_scenes.furnace_sphere.generate import icosphere
 from usd_scenes.shapes import Shape, box, rectangle
 
 from core_scenes import bucket_flux, build, luminaire, relative_rms, surface, trace
+from hand_built import scene_of
 from isolux import _core
+from isolux.core_scene import build_core_scene
+from isolux.settings import SolverSettings
 from isolux.solution import LUMINANCE_WEIGHTS
 from validation.rows import CIE_171, GLOBAL
 
@@ -224,3 +230,17 @@ def test_the_reported_error_is_the_true_one():
     true = np.sqrt(np.mean((found["illuminance"][:, 0] - truth) ** 2))
     reported = np.sqrt(np.mean(found["standard_error"].astype(float) ** 2))
     assert 0.5 < reported / true < 2.0
+
+
+def test_the_reported_error_knows_the_corners_of_a_room():
+    """All vertices of an empty room are corners, which see the dimmest part of the leaves there."""
+    description = replace(
+        scene_of([surface(WALLS, 0.6)]), luminaires=(luminaire(at=(0.3, 0.5, 0.1)),)
+    )
+    scene = build_core_scene(description, SolverSettings(), 2, divide=False)
+    found = solved(scene, accuracy=0.01).indirect(scene.receiver_positions, scene.vertex_normals, 2)
+    reference = path_traced_reference(description, scene, vertices=24, batches=8, strata=12)
+    true = reference.error(np.zeros_like(found["illuminance"]), found["illuminance"], INDIRECT)
+    told = np.sqrt(np.mean(found["standard_error"].astype(float) ** 2))
+    told /= reference.mean(INDIRECT)
+    assert 0.6 < told / true.rms < 1.5

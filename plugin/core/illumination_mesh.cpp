@@ -272,28 +272,37 @@ double IlluminationMesh::area(const MeshElement& element) const {
            length(cross(positions[b] - p, positions[c] - p));
 }
 
-std::vector<Receiver> vertex_receivers(const IlluminationMesh& mesh) {
-    // Of the way to the middle of the elements around: small beside an element, large beside the
-    // rounding of its coordinates.
-    constexpr double kInset = 1.0 / 64.0;
+std::vector<Receiver> vertex_receivers(const IlluminationMesh& mesh,
+                                       std::span<const std::uint8_t> closed) {
     std::vector<Vec3d> middles(mesh.positions.size()); // times area
-    for (const MeshElement& element : mesh.elements) {
+    std::vector<double> areas = mesh.areas;
+    for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+        const MeshElement& element = mesh.elements[e];
         const Surface& surface = mesh.surface(element);
         const auto [a, b, c] = element.vertices;
         const Vec3d &p = mesh.positions[a], &q = mesh.positions[b], &r = mesh.positions[c];
         const double area = mesh.area(element) / 3.0;
-        for (const std::int32_t v : element.vertices) {
-            middles[v] += (p + q + r) * (area / 3.0);
+        const unsigned shut = closed.empty() ? 0U : closed[e];
+        const auto take = [&](std::int32_t v, unsigned bit) {
+            if ((shut >> bit & 1U) == 0) {
+                middles[v] += (p + q + r) * (area / 3.0);
+            } else {
+                areas[v] -= area;
+            }
+        };
+        for (unsigned k = 0; k < 3; ++k) {
+            take(element.vertices[k], k);
             if (surface.back_offset >= 0) {
-                middles[v + surface.back_offset] += (p + q + r) * (area / 3.0);
+                take(element.vertices[k] + surface.back_offset, 3 + k);
             }
         }
     }
     std::vector<Receiver> out(mesh.positions.size());
     for (std::size_t v = 0; v < out.size(); ++v) {
         const Vec3d& p = mesh.positions[v];
-        const double area = mesh.areas[v];
-        out[v] = {area > 0.0 ? p + (middles[v] * (1.0 / area) - p) * kInset : p, mesh.normals[v]};
+        const double area = areas[v];
+        out[v] = {area > 0.0 ? p + (middles[v] * (1.0 / area) - p) * kReceiverInset : p,
+                  mesh.normals[v]};
     }
     for (std::size_t m = 0; m < mesh.meshes.size(); ++m) {
         for (std::int32_t v = mesh.meshes[m].front_begin; v < mesh.meshes[m].back_end; ++v) {

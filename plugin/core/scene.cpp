@@ -133,7 +133,8 @@ Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires,
       coloured_(!std::ranges::all_of(mesh_.surfaces, grey, &Surface::reflectance) ||
                 !std::ranges::all_of(luminaires_, is_grey)),
       ray_caster_(ray_targets(mesh_, luminaires_, triangles_of(mesh_), copies, worth_sharing),
-                  threads) {
+                  threads),
+      contacts_(contact_receivers(mesh_, ray_caster_, threads)) {
     for (auto& luminaire : luminaires_) {
         const Vec3f local = (luminaire.position - ray_caster_.origin()).as<float>();
         luminaire.touching = static_cast<double>(ray_caster_.offset(local, 0.0F));
@@ -152,6 +153,9 @@ std::vector<Receiver> Scene::receivers() const {
     std::vector<Receiver> out = vertex_receivers(mesh_);
     for (std::size_t v = 0; v < division_.vertices.size(); ++v) {
         out[division_.vertices[v]] = division_.receivers[v];
+    }
+    for (std::size_t i = 0; i < contacts_.vertices.size(); ++i) {
+        out[static_cast<std::size_t>(contacts_.vertices[i])] = contacts_.receivers[i];
     }
     return out;
 }

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "core/contact_receivers.h"
 #include "core/illumination_mesh.h"
 #include "core/luminaire.h"
 #include "core/mesh_division.h"
@@ -60,6 +61,7 @@ class Scene {
     double luminous_flux_;
     bool coloured_;
     RayCaster ray_caster_;
+    ContactReceivers contacts_;
 };
 
 } // namespace isolux

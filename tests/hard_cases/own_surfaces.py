@@ -296,3 +296,32 @@ def interpenetrating() -> None:
     assert values[top] == pytest.approx(
         from_point(CANDELA, (0.2, 0.1, 3), places[top], UP), rel=1e-4
     )
+
+
+@hard_case(
+    39,
+    "a box that stands along rows of its floor's vertices",
+    "Vertices on its outline have the light of the side that light can reach.",
+    "I cosθ/d² along the lit side, 0 along the other, on the level and where rounding puts the "
+    "vertices inside or outside",
+    part="b",
+)
+def standing_on_vertices() -> None:
+    floor = rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.25)
+    for turn in ({}, {"x": 17, "y": 31}, {"x": 40, "y": 10}):
+        axes = Shape(np.vstack([np.eye(3), (-2.0, 0.1, 1.5)]), floor.counts, floor.indices)
+        *axes, lamp = axes.turned(**turn).points
+        for off in (0.0, 1e-6, -1e-6):
+            block = box((1, 1, 0.6), 0.5).moved(x=off, z=0.28)  # 2 cm in the floor
+            lit = directly_lit(
+                mesh("Floor", floor.turned(**turn))
+                + mesh("Block", block.turned(**turn), 0.0, SIDED)
+                + point_light(FLUX, tuple(lamp))
+            )
+            values, places, _ = direct_at_receivers(lit, "/Floor")
+            x, y, _ = (places @ np.transpose(axes)).T
+            for row, light in ((-0.5, 1.0), (0.5, 0.0)):
+                along = (abs(x - row) < 0.01) & (abs(y) < 0.45)
+                assert along.sum() >= 3
+                expected = light * from_point(CANDELA, lamp, places[along], axes[2])
+                assert values[along] == pytest.approx(expected, rel=1e-3)

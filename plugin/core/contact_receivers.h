@@ -1,0 +1,24 @@
+// Where vertices sample light that something meets exactly, as the underside of a shelf meets a
+// wall along a row of its vertices: on the side that light can reach. On the line itself rounding
+// alone would choose between the two, and the shade within the shelf would show a whole element
+// beside it.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/illumination_mesh.h"
+#include "core/ray_caster.h"
+#include "core/receiver.h"
+
+namespace isolux {
+
+struct ContactReceivers {
+    std::vector<std::int32_t> vertices; // rising
+    std::vector<Receiver> receivers;    // one each
+};
+
+ContactReceivers contact_receivers(const IlluminationMesh& mesh, const RayCaster& caster,
+                                   int threads);
+
+} // namespace isolux

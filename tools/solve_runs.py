@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import compileall
 import subprocess
 import sys
 import time
@@ -9,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import isolux
 from isolux.report import read_report
 from isolux.results import ResultsWriter
 from isolux.settings import SolverSettings
@@ -60,6 +62,8 @@ def peak_resident(pid: int) -> int:
 
 def run_solve(stage: Path, budget: float, threads: int, folder: Path) -> Run:
     """Run the command and watch each progressive stage replace the results on disk."""
+    # As pip leaves an installed package: in a checkout Python may not be let keep its bytecode.
+    compileall.compile_dir(Path(isolux.__file__).parent, quiet=1)
     output = folder / f"{stage.stem}.isolux.usda"
     output.unlink(missing_ok=True)
     command = [

@@ -53,7 +53,7 @@ class BiasEstimate {
                  LightPath path, double photon_flux, const FilteredIllumination& filtered)
         : mesh_(mesh), tree_(tree), hit_sums_(hit_sums), path_(path), photon_flux_(photon_flux),
           filtered_(filtered), of_vertices_(tree.cells().size()), of_parts_(tree.cells().size()),
-          parts_(tree.cells().size()), bias_(tree.vertices().size()) {
+          known_(tree.cells().size()), bias_(tree.vertices().size()) {
         if (!tree.cells().empty()) {
             collect(0);
             spread(0, kBias);
@@ -119,26 +119,29 @@ class BiasEstimate {
                 weight * weight * e * f * (2.0 * e * f + e * e)};
     }
 
-    void collect(std::int32_t at) {
+    // returns : all of the cell
+    Part collect(std::int32_t at) {
         const VertexCell& cell = tree_.cells()[at];
+        Part all;
         if (cell.first_child < 0) {
             for (std::uint32_t rank = cell.begin; rank < cell.end; ++rank) {
                 const Part one = part(rank);
-                parts_[at].add(one);
+                all.add(one);
                 of_vertices_[at].add(evidence(one));
             }
             of_parts_[at] = of_vertices_[at];
         } else {
             for (const std::int32_t child : {cell.first_child, cell.first_child + 1}) {
-                collect(child);
-                parts_[at].add(parts_[child]);
+                all.add(collect(child));
                 of_vertices_[at].add(of_vertices_[child]);
                 of_parts_[at].add(of_parts_[child]);
             }
         }
-        if (parts_[at].own <= kPart) {
-            of_parts_[at] = evidence(parts_[at]);
+        if (all.own <= kPart) {
+            of_parts_[at] = evidence(all);
         }
+        known_[at] = all.own > kPart || photons_expected(all) >= kFewPhotons;
+        return all;
     }
 
     // What is known of all, corrected by what a part says of itself: as far as this is certain
@@ -165,7 +168,7 @@ class BiasEstimate {
 
     void spread(std::int32_t at, double of_all) {
         const VertexCell& cell = tree_.cells()[at];
-        const bool known = parts_[at].own > kPart || photons_expected(parts_[at]) >= kFewPhotons;
+        const bool known = known_[at];
         // All bias shows at single vertices, but in few photons; what is the same all over a part
         // shows sooner.
         double here = of_all;
@@ -194,7 +197,7 @@ class BiasEstimate {
     const FilteredIllumination& filtered_;
     // A cell:
     std::vector<Evidence> of_vertices_, of_parts_;
-    std::vector<Part> parts_;
+    std::vector<bool> known_;  // tells something of itself
     std::vector<double> bias_; // a vertex
 };
 
@@ -262,9 +265,10 @@ FilteredSquares filtered_squares(const std::array<double, 2>& filtered_halves,
 
 FilterError filter_error(const IlluminationMesh& mesh, const VertexKdTree& tree, HitSums hit_sums,
                          LightPath path, double photon_flux, const FilteredIllumination& filtered) {
-    const BiasEstimate estimate(mesh, tree, hit_sums, path, photon_flux, filtered);
     FilterError out;
+    // First, so that what it takes on its way is free again.
     out.offset = filtered_offset_square(mesh, tree, hit_sums, path, photon_flux, filtered);
+    const BiasEstimate estimate(mesh, tree, hit_sums, path, photon_flux, filtered);
     out.square = out.offset;
     for (std::size_t v = 0; v < out.square.size(); ++v) {
         for (const auto& [illuminance, support_area] : filtered.halves[v]) {

@@ -278,7 +278,7 @@ std::array<FilteredIllumination, 2> IlluminationFilter::filter(const PhotonBucke
                                                                const FilterSettings& settings,
                                                                int threads) const {
     const std::size_t n = reflectance_.size();
-    const BucketSums sums(buckets, tree_.vertices());
+    BucketSums sums(buckets, tree_.vertices());
     const SupportCriteria criteria{
         settings.accuracy * std::numbers::sqrt2, 2.0 * photon_flux,
         dark_luminance(adaptation(tree_, reflectance_, sums, photon_flux)),
@@ -295,6 +295,7 @@ std::array<FilteredIllumination, 2> IlluminationFilter::filter(const PhotonBucke
                     settings.sharing)
             .filter(out);
     });
+    sums.colours = std::vector<std::array<Vec3d, 2>>(); // their memory is wanted
     parallel_for(threads, kLightPaths.size(), [&](std::size_t path) {
         FilteredIllumination& filtered = out[path];
         const FilterError error =

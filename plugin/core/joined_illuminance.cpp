@@ -9,6 +9,11 @@ namespace {
 
 // Square deviation of photons from what is known, in their variances, that is put down to chance.
 constexpr double kChance = 2.0;
+// The same in squares of one photon. Where few photons are expected, two or three that meet by
+// chance deviate by many variances: at λ expected ones two come with λ²/2, and believed by half
+// they leave a square error of half the light's own, however small λ is. With this it is 1 % at
+// most, at any λ.
+constexpr double kFewPhotons = 8.0;
 // Photons that a side of a mesh is thought to have beside its own, as many as are expected, where
 // its own differ from what is known by no more than chance.
 constexpr double kPhotonsOfSide = 1000.0;
@@ -54,7 +59,8 @@ JoinedIlluminance joined_illuminance(const IlluminationMesh& mesh,
                 (k + photon) * photon + k * k * (1.0 - nearest) / (nearest * kVisiblePoints);
             const double both = chance + variance[v];
             const double square = (n - k) * (n - k);
-            const double by_chance = square > kChance * both ? kChance * both / square : 1.0;
+            const double plausible = kChance * both + kFewPhotons * photon * photon;
+            const double by_chance = square > plausible ? plausible / square : 1.0;
             const double best = both > 0.0 ? variance[v] / both : 1.0; // share of the photons
             const double share = 1.0 - (1.0 - best) * by_chance;
             out[v] += (found - out[v]) * static_cast<float>(share);

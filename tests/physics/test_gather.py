@@ -147,6 +147,21 @@ def test_the_noise_of_the_photons_that_lit_a_room_is_told():
     )
 
 
+def test_buckets_that_few_photons_met_by_luck_make_a_room_no_brighter():
+    """Furnace of some thousand buckets, where next to none gets a photon, or each gets several.
+
+    What two photons leave in a bucket that expects a tenth of one is no light of its own.
+    """
+    traced = trace([surface(icosphere(4).flipped(), 0.6)], [luminaire(1000.0)], 1000)
+    direct = 1000 / traced.areas.sum()
+    known = np.full((len(traced.areas), 3), direct, np.float32)
+    for photons in (100, 300, 1_000, 3_000, 10_000):
+        runs = [gathered_from_photons(traced, known, photons, 8, seed) for seed in range(8)]
+        indirect = np.stack([found["indirect"] @ WEIGHTS for found in runs]) / (direct * 1.5)
+        assert np.sqrt(np.mean((indirect - 1) ** 2)) < 0.03  # 300 hits differ by 6 % by chance
+        assert indirect.mean() == pytest.approx(1, abs=0.015)
+
+
 def test_the_noise_of_single_buckets_is_told_where_many_rays_look_them_up():
     """A cube of so few buckets that each vertex sees the same ones again and again."""
     traced = trace([surface(box((4, 4, 4), 1.0).flipped(), 0.8)], [luminaire(1000.0)], 1_000_000)

@@ -131,6 +131,20 @@ def test_the_fewest_rays_are_shown_first_where_photons_are_far_off(error, looks)
     assert len(shown(every)) <= settings.stages
 
 
+@pytest.mark.parametrize("photons", [100, 1_000, 50_000])
+@pytest.mark.parametrize("error", [0.1, 0.5])
+def test_a_run_of_few_photons_spends_as_many_rays_whatever_they_seem_to_tell(photons, error):
+    """And sharpens direct light, where it holds back, before the last of them."""
+    settings = SolverSettings(target_error=0, photons=photons)
+    run = run_whose_photons_are_off_by(error, settings)
+    run.direct_wanted = 2
+    every = made("composite", run)
+    fewest = 2 * LEAST_GATHER_RAYS * run.vertices
+    assert run.gathered == pytest.approx(max(fewest, GATHER_RAYS_PER_PHOTON * photons), rel=0.01)
+    assert [step.component for step in every][-3:] == ["gather", "DDL", "gather"]
+    assert len(shown(every)) <= settings.stages
+
+
 def test_a_first_look_by_few_rays_leaves_the_budget_as_it_is():
     run = run_whose_photons_are_off_by(0.5, SolverSettings(target_error=0, time_budget=60))
     made("composite", run)

@@ -195,6 +195,13 @@ def _gather_steps(run: Run, stages: int) -> Iterator[StagePlan]:
         all_but_reached = goal.photons < 1.25 * run.photons or goal.seconds < 1.25 * run.elapsed
         if all_but_reached and not goal.last:
             continue
+        # Of the one gather of a run that no clock ends, half of the rays tell where the others help
+        # and whether direct light holds them back.
+        if gathered == 0 and goal.last and goal.seconds == math.inf:
+            run.trace_until(goal, "gather")
+            half = GATHER_RAYS_PER_PHOTON * run.photons // 2
+            gathered = max(LEAST_GATHER_RAYS * run.vertices, half)
+            yield StagePlan("gather", run.photons, gathered, shown=False)
         # A finer pass over direct light, which takes longer than the last, where it is worth it.
         finer = 2 * FINER_DIRECT_SECONDS * run.finishing_seconds("DDL")
         if gathered > 0 and run.direct_holds_back and run.elapsed + finer <= goal.seconds:

@@ -36,6 +36,12 @@ struct Evidence {
     }
 };
 
+// Where surfaces meet, what each sends the other falls towards their edge as x ln(L / x), x the
+// distance from it: the mean over a bucket there differs from its vertex by 2.8, 2.0, 1.7 times
+// what lines through means tell where L is 4, 8, 16 buckets. That is 4.9 in the square, of which
+// the offset of the vertex and of those around hold 1.5.
+constexpr double kEdgeOfIndirect = 3.0;
+
 // Offsets that the filter has flattened more than this are no longer told by what it left.
 constexpr double kFlattened = 4.0;
 
@@ -47,16 +53,35 @@ std::array<std::uint64_t, 2> half_counts(HitSums hit_sums, std::uint32_t rank, L
     return {after[0] - before[0], after[1] - before[1]};
 }
 
+// Where a surface ends, supports lie on one side of their vertex: their bias goes with the slope of
+// the light, elsewhere with its bend. So neither tells the other's.
 class BiasEstimate {
   public:
     BiasEstimate(const IlluminationMesh& mesh, const VertexKdTree& tree, HitSums hit_sums,
-                 LightPath path, double photon_flux, const FilteredIllumination& filtered)
+                 LightPath path, double photon_flux, const FilteredIllumination& filtered,
+                 const std::vector<bool>& border)
         : mesh_(mesh), tree_(tree), hit_sums_(hit_sums), path_(path), photon_flux_(photon_flux),
-          filtered_(filtered), of_vertices_(tree.cells().size()), of_parts_(tree.cells().size()),
-          known_(tree.cells().size()), bias_(tree.vertices().size()) {
-        if (!tree.cells().empty()) {
-            collect(0);
-            spread(0, kBias);
+          filtered_(filtered), border_(border), bias_(tree.vertices().size()) {
+        if (tree.cells().empty()) {
+            return;
+        }
+        for (Sums& sums : sums_) {
+            sums.of_vertices.resize(tree.cells().size());
+            sums.of_parts.resize(tree.cells().size());
+            sums.of_small_parts.resize(tree.cells().size());
+            sums.told.resize(tree.cells().size());
+        }
+        collect(0);
+        // Of few photons, what all tell together is the first that is known.
+        const auto both = [&](std::vector<Evidence> Sums::* of) {
+            Evidence sum = (sums_[0].*of)[0];
+            sum.add((sums_[1].*of)[0]);
+            return sum;
+        };
+        const double of_all = corrected(kBias, both(&Sums::of_vertices), both(&Sums::of_parts),
+                                        both(&Sums::of_small_parts));
+        for (const bool at_border : {false, true}) {
+            spread(0, of_all, at_border);
         }
     }
 
@@ -66,6 +91,7 @@ class BiasEstimate {
   private:
     // Sums over the vertices of a cell, by area.
     struct Part {
+        std::uint32_t vertices = 0;
         double area = 0.0;            // m²
         double own = 0.0;             // part of their supports that they are, all together
         double noise = 0.0;           // m² lx², of wide supports
@@ -74,6 +100,7 @@ class BiasEstimate {
         std::array<std::uint64_t, 2> counts{};
 
         void add(const Part& other) {
+            vertices += other.vertices;
             area += other.area;
             own += other.own;
             noise += other.noise;
@@ -88,6 +115,7 @@ class BiasEstimate {
     Part part(std::uint32_t rank) const {
         const std::int32_t v = tree_.vertices()[rank];
         Part out;
+        out.vertices = 1;
         out.area = mesh_.areas[v];
         out.counts = half_counts(hit_sums_, rank, path_);
         for (const std::size_t half : {0U, 1U}) {
@@ -119,28 +147,50 @@ class BiasEstimate {
                 weight * weight * e * f * (2.0 * e * f + e * e)};
     }
 
-    // returns : all of the cell
-    Part collect(std::int32_t at) {
+    // returns : all of the cell, by kind of vertex
+    std::array<Part, 2> collect(std::int32_t at) {
         const VertexCell& cell = tree_.cells()[at];
-        Part all;
+        std::array<Part, 2> all;
+        std::array divides{cell.first_child >= 0, cell.first_child >= 0};
         if (cell.first_child < 0) {
             for (std::uint32_t rank = cell.begin; rank < cell.end; ++rank) {
                 const Part one = part(rank);
-                all.add(one);
-                of_vertices_[at].add(evidence(one));
+                const std::size_t kind = border_[tree_.vertices()[rank]] ? 1 : 0;
+                all[kind].add(one);
+                sums_[kind].of_vertices[at].add(evidence(one));
             }
-            of_parts_[at] = of_vertices_[at];
+            for (Sums& sums : sums_) {
+                sums.of_parts[at] = sums.of_vertices[at];
+            }
         } else {
             for (const std::int32_t child : {cell.first_child, cell.first_child + 1}) {
-                all.add(collect(child));
-                of_vertices_[at].add(of_vertices_[child]);
-                of_parts_[at].add(of_parts_[child]);
+                const std::array<Part, 2> of_child = collect(child);
+                for (const std::size_t kind : {0U, 1U}) {
+                    Sums& sums = sums_[kind];
+                    all[kind].add(of_child[kind]);
+                    sums.of_vertices[at].add(sums.of_vertices[child]);
+                    sums.of_parts[at].add(sums.of_parts[child]);
+                    sums.of_small_parts[at].add(sums.of_small_parts[child]);
+                    divides[kind] =
+                        divides[kind] && photons_expected(of_child[kind]) >= kFewPhotons;
+                }
             }
         }
-        if (all.own <= kPart) {
-            of_parts_[at] = evidence(all);
+        for (const std::size_t kind : {0U, 1U}) {
+            const Part& part = all[kind];
+            auto& [of_vertices, of_parts, of_small_parts, told] = sums_[kind];
+            if (part.vertices == 0) {
+                continue;
+            }
+            if (part.own <= kPart) {
+                of_parts[at] = evidence(part);
+            }
+            if (!divides[kind]) {
+                of_small_parts[at] = part.own <= kPart ? of_parts[at] : of_vertices[at];
+            }
+            told[at] = part.own > kPart || photons_expected(part) >= kFewPhotons ? Told::something
+                                                                                 : Told::nothing;
         }
-        known_[at] = all.own > kPart || photons_expected(all) >= kFewPhotons;
         return all;
     }
 
@@ -162,30 +212,40 @@ class BiasEstimate {
         return of_all + doubt / (doubt + variance) * more;
     }
 
+    // All bias shows at single vertices, but in few photons; what is the same all over a part shows
+    // sooner. What cancels out in wide parts shows in those that have just the photons to tell it.
+    static double corrected(double of_all, const Evidence& of_vertices, const Evidence& of_parts,
+                            const Evidence& of_small_parts) {
+        const double here = corrected(of_all, of_vertices);
+        return std::max({here, corrected(here, of_parts), corrected(here, of_small_parts)});
+    }
+
     double photons_expected(const Part& part) const {
         return 0.5 * (part.flux[0] + part.flux[1]) / photon_flux_;
     }
 
-    void spread(std::int32_t at, double of_all) {
-        const VertexCell& cell = tree_.cells()[at];
-        const bool known = known_[at];
-        // All bias shows at single vertices, but in few photons; what is the same all over a part
-        // shows sooner.
-        double here = of_all;
-        if (known) {
-            here = corrected(here, of_vertices_[at]);
-            here = std::max(here, corrected(here, of_parts_[at]));
+    void spread(std::int32_t at, double of_all, bool at_border) {
+        const auto& [of_vertices, of_parts, of_small_parts, told] = sums_[at_border ? 1 : 0];
+        if (told[at] == Told::empty) {
+            return;
         }
+        const VertexCell& cell = tree_.cells()[at];
+        const bool known = told[at] == Told::something;
+        const double here =
+            known ? corrected(of_all, of_vertices[at], of_parts[at], of_small_parts[at]) : of_all;
         if (cell.first_child >= 0 && known) {
-            spread(cell.first_child, here);
-            spread(cell.first_child + 1, here);
+            spread(cell.first_child, here, at_border);
+            spread(cell.first_child + 1, here, at_border);
             return;
         }
         for (std::uint32_t rank = cell.begin; rank < cell.end; ++rank) {
-            const Part one = part(rank);
-            bias_[tree_.vertices()[rank]] = known && photons_expected(one) >= kFewPhotons
-                                                ? corrected(here, evidence(one))
-                                                : here;
+            const std::int32_t v = tree_.vertices()[rank];
+            if (border_[v] == at_border) {
+                const Part one = part(rank);
+                bias_[v] = known && photons_expected(one) >= kFewPhotons
+                               ? corrected(here, evidence(one))
+                               : here;
+            }
         }
     }
 
@@ -195,16 +255,23 @@ class BiasEstimate {
     LightPath path_;
     double photon_flux_; // lm
     const FilteredIllumination& filtered_;
-    // A cell:
-    std::vector<Evidence> of_vertices_, of_parts_;
-    std::vector<bool> known_;  // tells something of itself
+    const std::vector<bool>& border_;
+    // Whether a cell has vertices of a kind, and these tell something of themselves.
+    enum class Told : std::uint8_t { empty, nothing, something };
+    // One entry a cell.
+    struct Sums {
+        std::vector<Evidence> of_vertices, of_parts, of_small_parts;
+        std::vector<Told> told;
+    };
+    std::array<Sums, 2> sums_; // of vertices inside, where surfaces end
     std::vector<double> bias_; // a vertex
 };
 
 // What the mean over a bucket differs from the illuminance at its vertex by, squared; lx².
 std::vector<double> filtered_offset_square(const IlluminationMesh& mesh, const VertexKdTree& tree,
                                            HitSums hit_sums, LightPath path, double photon_flux,
-                                           const FilteredIllumination& filtered) {
+                                           const FilteredIllumination& filtered,
+                                           const std::vector<bool>& border) {
     const std::size_t n = mesh.areas.size();
     std::vector<double> means(n), noise(n); // lx, lx² of what a bucket doesn't share
     std::array<std::vector<double>, 2> halves{std::vector<double>(n), std::vector<double>(n)};
@@ -242,6 +309,9 @@ std::vector<double> filtered_offset_square(const IlluminationMesh& mesh, const V
     const double flattened = left > 0.0 ? std::clamp(certain / left, 1.0, kFlattened) : 1.0;
     for (std::size_t v = 0; v < n; ++v) {
         out[v] = flattened * std::max(0.0, out[v] - kOffsetNoise * noise[v]);
+        if (border[v] && path == LightPath::indirect) {
+            out[v] *= kEdgeOfIndirect;
+        }
     }
     return out;
 }
@@ -264,13 +334,15 @@ FilteredSquares filtered_squares(const std::array<double, 2>& filtered_halves,
 }
 
 FilterError filter_error(const IlluminationMesh& mesh, const VertexKdTree& tree, HitSums hit_sums,
-                         LightPath path, double photon_flux, const FilteredIllumination& filtered) {
+                         LightPath path, double photon_flux, const FilteredIllumination& filtered,
+                         const std::vector<bool>& border) {
     FilterError out;
     // First, so that what it takes on its way is free again.
-    out.offset = filtered_offset_square(mesh, tree, hit_sums, path, photon_flux, filtered);
-    const BiasEstimate estimate(mesh, tree, hit_sums, path, photon_flux, filtered);
-    out.square = out.offset;
+    out.offset = filtered_offset_square(mesh, tree, hit_sums, path, photon_flux, filtered, border);
+    const BiasEstimate estimate(mesh, tree, hit_sums, path, photon_flux, filtered, border);
+    out.square.resize(out.offset.size());
     for (std::size_t v = 0; v < out.square.size(); ++v) {
+        double bias = 0.0; // lx²
         for (const auto& [illuminance, support_area] : filtered.halves[v]) {
             if (support_area > 0.0) {
                 // Where n photons are counted, the mean count has the variance n + 1 if all means
@@ -279,9 +351,17 @@ FilterError filter_error(const IlluminationMesh& mesh, const VertexKdTree& tree,
                 const double variance =
                     0.25 * share * (static_cast<double>(illuminance) + 0.5 * share);
                 const double others = 1.0 - std::min(1.0, mesh.areas[v] / support_area);
-                out.square[v] += variance * (1.0 + estimate.bias()[v] * others);
+                out.square[v] += variance;
+                bias += variance * estimate.bias()[v] * others;
             }
         }
+        if (border[v]) {
+            // Bucket and support lie on the same side of the vertex: both have the slope's sign,
+            // but for the half of the offset's square that is told of any bend.
+            const double of_slope = path == LightPath::indirect ? 1.0 : 0.5;
+            out.offset[v] += 2.0 * std::sqrt(bias * of_slope * out.offset[v]);
+        }
+        out.square[v] += bias + out.offset[v];
     }
     return out;
 }

@@ -37,12 +37,16 @@ FilteredSquares filtered_squares(const std::array<double, 2>& filtered_halves,
 // Square error of filtered light, one entry a vertex, lx², photometric.
 struct FilterError {
     std::vector<double> square; // all of it
-    std::vector<double> offset; // of it, what the mean over the bucket differs from the vertex by
+    // Of it, what the mean over the bucket differs from the vertex by; where both have one sign,
+    // with twice the product of that and the filter's bias.
+    std::vector<double> offset;
 };
 
 // hit_sums : of all vertices of lower rank in the tree
+// border : border_vertices()
 FilterError filter_error(const IlluminationMesh& mesh, const VertexKdTree& tree,
                          std::span<const EachHalf<std::uint64_t>> hit_sums, LightPath path,
-                         double photon_flux, const FilteredIllumination& filtered);
+                         double photon_flux, const FilteredIllumination& filtered,
+                         const std::vector<bool>& border);
 
 } // namespace isolux

@@ -5,6 +5,7 @@
 #include <limits>
 #include <numbers>
 
+#include "core/bucket_variation.h"
 #include "core/filter_error.h"
 #include "core/parallel.h"
 #include "core/support_selection.h"
@@ -254,7 +255,8 @@ class BlockFilter {
 } // namespace
 
 IlluminationFilter::IlluminationFilter(const IlluminationMesh& mesh)
-    : mesh_(mesh), tree_(mesh), reflectance_(mesh.positions.size()) {
+    : mesh_(mesh), tree_(mesh), reflectance_(mesh.positions.size()),
+      border_(border_vertices(mesh)) {
     const auto reflectance = luminance_reflectance(mesh);
     for (std::size_t rank = 0; rank < reflectance_.size(); ++rank) {
         reflectance_[rank] = reflectance[tree_.vertices()[rank]];
@@ -298,8 +300,8 @@ std::array<FilteredIllumination, 2> IlluminationFilter::filter(const PhotonBucke
     sums.colours = std::vector<std::array<Vec3d, 2>>(); // their memory is wanted
     parallel_for(threads, kLightPaths.size(), [&](std::size_t path) {
         FilteredIllumination& filtered = out[path];
-        const FilterError error =
-            filter_error(mesh_, tree_, sums.hits, kLightPaths[path], photon_flux, filtered);
+        const FilterError error = filter_error(mesh_, tree_, sums.hits, kLightPaths[path],
+                                               photon_flux, filtered, border_);
         const auto root = [](double square) { return static_cast<float>(std::sqrt(square)); };
         filtered.standard_error.resize(n);
         filtered.offset.resize(n);

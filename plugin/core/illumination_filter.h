@@ -49,6 +49,7 @@ class IlluminationFilter {
     const IlluminationMesh& mesh_;
     VertexKdTree tree_;
     std::vector<double> reflectance_;  // of luminance, by rank in the tree
+    std::vector<bool> border_;         // by vertex
     std::vector<std::int32_t> blocks_; // cells that hold all vertices, a thread's work each
 };
 

@@ -3,10 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
+#include <limits>
 #include <span>
 #include <utility>
 
+#include "core/bucket_variation.h"
 #include "core/parallel.h"
 #include "core/random.h"
 #include "core/sampling.h"
@@ -14,9 +15,6 @@
 namespace isolux {
 namespace {
 
-// Of the angles of the elements around a vertex: less at the border of a surface, whose vertices
-// sample light within it, and 1.67 pi at the corner of an icosahedron.
-constexpr float kLeastAngle = 1.6F * std::numbers::pi_v<float>;
 // Of a step, off the surface: above it where it curves, below what stands on it.
 constexpr float kLift = 0.125F;
 // Steps are many times the rounding of a ray.
@@ -60,32 +58,24 @@ std::array<Vec3f, 3> corners_of(const IlluminationMesh& mesh, const RayCaster& c
     return p;
 }
 
-// m, one a vertex: how far it lies from the places around it where its elements sample light; 0 at
-// borders and where rays can't tell.
+// m, one a vertex: how far it lies from the places around it where its elements sample light; 0
+// where the surface ends, whose vertices sample light within it, and where rays can't tell.
 std::vector<float> steps_around(const IlluminationMesh& mesh, const RayCaster& caster) {
-    std::vector<float> angles(mesh.positions.size()), steps(mesh.positions.size());
-    for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
-        const MeshElement& element = mesh.elements[e];
-        const std::array<Vec3f, 3> p = corners_of(mesh, caster, e);
-        const Vec3f middle = (p[0] + p[1] + p[2]) * (1.0F / 3.0F);
-        const Vec3f across = cross(p[1] - p[0], p[2] - p[0]);
-        const float twice_area = std::sqrt(dot(across, across));
-        const std::int32_t back = std::max(0, mesh.surface(element).back_offset);
-        for (std::size_t k = 0; k < 3; ++k) {
-            const Vec3f a = p[(k + 1) % 3] - p[k], b = p[(k + 2) % 3] - p[k], to = middle - p[k];
-            const float step = std::sqrt(dot(to, to)) * static_cast<float>(kReceiverInset);
-            for (const std::int32_t v : {element.vertices[k], element.vertices[k] + back}) {
-                angles[v] += std::atan2(twice_area, dot(a, b));
-                steps[v] = steps[v] == 0.0F ? step : std::min(steps[v], step);
-                if (back == 0) {
-                    break;
-                }
-            }
+    std::vector<float> steps(mesh.positions.size(), std::numeric_limits<float>::max());
+    for_each_side(mesh, [&](const MeshElement& element, const auto& vertices) {
+        const auto& [a, b, c] = element.vertices;
+        const Vec3d middle =
+            (mesh.positions[a] + mesh.positions[b] + mesh.positions[c]) * (1.0 / 3.0);
+        for (const std::int32_t v : vertices) {
+            const Vec3d to = middle - mesh.positions[v];
+            steps[v] =
+                std::min(steps[v], static_cast<float>(kReceiverInset * std::sqrt(dot(to, to))));
         }
-    }
+    });
+    const std::vector<bool> border = border_vertices(mesh);
     for (std::size_t v = 0; v < steps.size(); ++v) {
         const Vec3f at = (mesh.positions[v] - caster.origin()).as<float>();
-        if (angles[v] < kLeastAngle || steps[v] < kLeastStep * caster.offset(at, 0.0F)) {
+        if (border[v] || mesh.areas[v] == 0.0 || steps[v] < kLeastStep * caster.offset(at, 0.0F)) {
             steps[v] = 0.0F;
         }
     }

@@ -80,7 +80,8 @@ template <typename Each> void for_each_side(const IlluminationMesh& mesh, const 
 // Where each vertex samples light: a little towards the middle of the elements around it, so that a
 // vertex in a corner of the room doesn't lie in the plane of the other wall; never behind one of
 // them. The normal is zero where all elements around are degenerate: no light is defined there.
-// closed : by element, a bit for each corner, of the front first, whose element doesn't count there,
+// closed : by element, a bit for each corner, of the front first, whose element doesn't count
+// there,
 //     but for one at least of each vertex; empty: none
 std::vector<Receiver> vertex_receivers(const IlluminationMesh& mesh,
                                        std::span<const std::uint8_t> closed = {});

@@ -127,8 +127,8 @@ float free_path(const IlluminationMesh& mesh, const RayCaster& caster, const Cor
 
 } // namespace
 
-ContactReceivers contact_receivers(const IlluminationMesh& mesh, const RayCaster& caster,
-                                   int threads) {
+PlacedReceivers contact_receivers(const IlluminationMesh& mesh, const RayCaster& caster,
+                                  int threads) {
     const std::vector<float> steps = steps_around(mesh, caster);
     std::vector<std::uint8_t> met(steps.size());
     parallel_blocks(threads, std::size_t{0}, steps.size(), std::size_t{256},
@@ -137,7 +137,7 @@ ContactReceivers contact_receivers(const IlluminationMesh& mesh, const RayCaster
                             met[v] = steps[v] > 0.0F && is_met(mesh, caster, v, steps[v]) ? 1 : 0;
                         }
                     });
-    ContactReceivers out;
+    PlacedReceivers out;
     if (std::ranges::find(met, 1) == met.end()) {
         return out;
     }

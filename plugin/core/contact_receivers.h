@@ -13,12 +13,13 @@
 
 namespace isolux {
 
-struct ContactReceivers {
+// In place of vertex_receivers() there.
+struct PlacedReceivers {
     std::vector<std::int32_t> vertices; // rising
     std::vector<Receiver> receivers;    // one each
 };
 
-ContactReceivers contact_receivers(const IlluminationMesh& mesh, const RayCaster& caster,
-                                   int threads);
+PlacedReceivers contact_receivers(const IlluminationMesh& mesh, const RayCaster& caster,
+                                  int threads);
 
 } // namespace isolux

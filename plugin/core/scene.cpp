@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "core/buried_receivers.h"
 #include "core/touched_surfaces.h"
 
 namespace isolux {
@@ -134,6 +135,8 @@ Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires,
                 !std::ranges::all_of(luminaires_, is_grey)),
       ray_caster_(ray_targets(mesh_, luminaires_, triangles_of(mesh_), copies, worth_sharing),
                   threads),
+      buried_(buried_receivers(mesh_, ray_caster_, vertex_receivers(mesh_),
+                               std::ranges::any_of(luminaires_, &Luminaire::is_infinite), threads)),
       contacts_(contact_receivers(mesh_, ray_caster_, threads)) {
     for (auto& luminaire : luminaires_) {
         const Vec3f local = (luminaire.position - ray_caster_.origin()).as<float>();
@@ -154,8 +157,10 @@ std::vector<Receiver> Scene::receivers() const {
     for (std::size_t v = 0; v < division_.vertices.size(); ++v) {
         out[division_.vertices[v]] = division_.receivers[v];
     }
-    for (std::size_t i = 0; i < contacts_.vertices.size(); ++i) {
-        out[static_cast<std::size_t>(contacts_.vertices[i])] = contacts_.receivers[i];
+    for (const PlacedReceivers* placed : {&buried_, &contacts_}) {
+        for (std::size_t i = 0; i < placed->vertices.size(); ++i) {
+            out[static_cast<std::size_t>(placed->vertices[i])] = placed->receivers[i];
+        }
     }
     return out;
 }

@@ -61,7 +61,7 @@ class Scene {
     double luminous_flux_;
     bool coloured_;
     RayCaster ray_caster_;
-    ContactReceivers contacts_;
+    PlacedReceivers buried_, contacts_;
 };
 
 } // namespace isolux

@@ -1,0 +1,23 @@
+// Where vertices sample light that lie inside another body, as the foot of a column a little below
+// the floor: where the nearest of their edges comes out of it. Their elements show light there; the
+// dark within would show as a shade over all that can be seen of them.
+#pragma once
+
+#include <span>
+
+#include "core/contact_receivers.h"
+#include "core/illumination_mesh.h"
+#include "core/ray_caster.h"
+#include "core/receiver.h"
+
+namespace isolux {
+
+// Bodies are those of one-sided surfaces: no light can be within. Vertices of which no edge comes
+// out stay where they are.
+// receivers : vertex_receivers()
+// lit_from_afar : there is a sky, or a distant luminaire
+PlacedReceivers buried_receivers(const IlluminationMesh& mesh, const RayCaster& caster,
+                                 std::span<const Receiver> receivers, bool lit_from_afar,
+                                 int threads);
+
+} // namespace isolux

@@ -66,10 +66,10 @@ class Burial {
 
 } // namespace
 
-PlacedReceivers buried_receivers(const IlluminationMesh& mesh, const RayCaster& caster,
-                                 std::span<const Receiver> receivers, bool lit_from_afar,
-                                 int threads) {
-    const Burial is_buried(mesh, caster, lit_from_afar);
+PlacedReceivers buried_receivers(const IlluminationMesh& mesh, const IlluminationMesh& traced,
+                                 const RayCaster& caster, std::span<const Receiver> receivers,
+                                 bool lit_from_afar, int threads) {
+    const Burial is_buried(traced, caster, lit_from_afar);
     std::vector<std::uint8_t> buried(receivers.size());
     parallel_blocks(threads, std::size_t{0}, receivers.size(), std::size_t{256},
                     [&](std::size_t begin, std::size_t end) {

@@ -14,10 +14,11 @@ namespace isolux {
 
 // Bodies are those of one-sided surfaces: no light can be within. Vertices of which no edge comes
 // out stay where they are.
-// receivers : vertex_receivers()
+// mesh, traced : whose vertices they are; what the caster knows, which may be the same mesh divided
+// receivers : vertex_receivers() of the mesh
 // lit_from_afar : there is a sky, or a distant luminaire
-PlacedReceivers buried_receivers(const IlluminationMesh& mesh, const RayCaster& caster,
-                                 std::span<const Receiver> receivers, bool lit_from_afar,
-                                 int threads);
+PlacedReceivers buried_receivers(const IlluminationMesh& mesh, const IlluminationMesh& traced,
+                                 const RayCaster& caster, std::span<const Receiver> receivers,
+                                 bool lit_from_afar, int threads);
 
 } // namespace isolux

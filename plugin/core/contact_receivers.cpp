@@ -93,7 +93,8 @@ bool is_met(const IlluminationMesh& mesh, const RayCaster& caster, std::size_t v
 
 // Mean way that light can come from to the element, at its step from the vertex, in steps. Backs
 // that absorb are at no distance.
-float free_path(const IlluminationMesh& mesh, const RayCaster& caster, const Corner& corner) {
+float free_path(const IlluminationMesh& mesh, const IlluminationMesh& traced,
+                const RayCaster& caster, const Corner& corner) {
     const std::array<Vec3f, 3> p =
         corners_of(mesh, caster, static_cast<std::size_t>(corner.element));
     const Vec3f across = cross(p[1] - p[0], p[2] - p[0]);
@@ -111,9 +112,9 @@ float free_path(const IlluminationMesh& mesh, const RayCaster& caster, const Cor
         if (hit.triangle == kNoHit) {
             return kFarthest;
         }
-        const MeshElement& met = mesh.elements[static_cast<std::size_t>(hit.triangle)];
+        const MeshElement& met = traced.elements[static_cast<std::size_t>(hit.triangle)];
         const bool absorbed =
-            mesh.surface(met).back_offset < 0 && dot(direction, hit.normal) > 0.0F;
+            traced.surface(met).back_offset < 0 && dot(direction, hit.normal) > 0.0F;
         return absorbed ? 0.0F : std::min(kFarthest, hit.distance / step);
     };
     float sum = 0.0F;
@@ -127,8 +128,8 @@ float free_path(const IlluminationMesh& mesh, const RayCaster& caster, const Cor
 
 } // namespace
 
-PlacedReceivers contact_receivers(const IlluminationMesh& mesh, const RayCaster& caster,
-                                  int threads) {
+PlacedReceivers contact_receivers(const IlluminationMesh& mesh, const IlluminationMesh& traced,
+                                  const RayCaster& caster, int threads) {
     const std::vector<float> steps = steps_around(mesh, caster);
     std::vector<std::uint8_t> met(steps.size());
     parallel_blocks(threads, std::size_t{0}, steps.size(), std::size_t{256},
@@ -150,7 +151,7 @@ PlacedReceivers contact_receivers(const IlluminationMesh& mesh, const RayCaster&
     std::ranges::stable_sort(around, {}, &Corner::vertex);
     std::vector<float> paths(around.size());
     parallel_for(threads, around.size(),
-                 [&](std::size_t i) { paths[i] = free_path(mesh, caster, around[i]); });
+                 [&](std::size_t i) { paths[i] = free_path(mesh, traced, caster, around[i]); });
 
     std::vector<std::uint8_t> closed(mesh.elements.size()); // bits of corners
     for (std::size_t begin = 0, end = 0; begin < around.size(); begin = end) {

@@ -19,7 +19,8 @@ struct PlacedReceivers {
     std::vector<Receiver> receivers;    // one each
 };
 
-PlacedReceivers contact_receivers(const IlluminationMesh& mesh, const RayCaster& caster,
-                                  int threads);
+// mesh, traced : whose vertices they are; what the caster knows, which may be the same mesh divided
+PlacedReceivers contact_receivers(const IlluminationMesh& mesh, const IlluminationMesh& traced,
+                                  const RayCaster& caster, int threads);
 
 } // namespace isolux

@@ -1,6 +1,7 @@
 #include "core/scene.h"
 
 #include <algorithm>
+#include <iterator>
 #include <stdexcept>
 
 #include "core/buried_receivers.h"
@@ -127,17 +128,15 @@ RayTargets ray_targets(const IlluminationMesh& mesh, const std::vector<Luminaire
 
 Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires,
              std::span<const MeshCopy> copies, std::int64_t worth_sharing, int threads, bool divide)
-    : mesh_(std::move(mesh)),
+    : mesh_(divide ? mesh : std::move(mesh)),
       division_(divide ? divide_large_elements(mesh_, sharing_meshes(mesh_, copies, worth_sharing))
                        : MeshDivision{}),
       luminaires_(aimed(std::move(luminaires), mesh_)), luminous_flux_(0.0),
       coloured_(!std::ranges::all_of(mesh_.surfaces, grey, &Surface::reflectance) ||
                 !std::ranges::all_of(luminaires_, is_grey)),
       ray_caster_(ray_targets(mesh_, luminaires_, triangles_of(mesh_), copies, worth_sharing),
-                  threads),
-      buried_(buried_receivers(mesh_, ray_caster_, vertex_receivers(mesh_),
-                               std::ranges::any_of(luminaires_, &Luminaire::is_infinite), threads)),
-      contacts_(contact_receivers(mesh_, ray_caster_, threads)) {
+                  threads) {
+    place_receivers(division_.vertices.empty() ? mesh_ : mesh, threads);
     for (auto& luminaire : luminaires_) {
         const Vec3f local = (luminaire.position - ray_caster_.origin()).as<float>();
         luminaire.touching = static_cast<double>(ray_caster_.offset(local, 0.0F));
@@ -152,15 +151,28 @@ Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires,
     }
 }
 
+// former : the mesh before division
+void Scene::place_receivers(const IlluminationMesh& former, int threads) {
+    const bool lit_from_afar = std::ranges::any_of(luminaires_, &Luminaire::is_infinite);
+    placed_ = buried_receivers(former, mesh_, ray_caster_, vertex_receivers(former), lit_from_afar,
+                               threads);
+    const PlacedReceivers contacts = contact_receivers(former, mesh_, ray_caster_, threads);
+    std::ranges::copy(contacts.vertices, std::back_inserter(placed_.vertices));
+    std::ranges::copy(contacts.receivers, std::back_inserter(placed_.receivers));
+    if (!division_.vertices.empty()) {
+        for (std::int32_t& v : placed_.vertices) {
+            v = division_.vertices[static_cast<std::size_t>(v)];
+        }
+    }
+}
+
 std::vector<Receiver> Scene::receivers() const {
     std::vector<Receiver> out = vertex_receivers(mesh_);
     for (std::size_t v = 0; v < division_.vertices.size(); ++v) {
         out[division_.vertices[v]] = division_.receivers[v];
     }
-    for (const PlacedReceivers* placed : {&buried_, &contacts_}) {
-        for (std::size_t i = 0; i < placed->vertices.size(); ++i) {
-            out[static_cast<std::size_t>(placed->vertices[i])] = placed->receivers[i];
-        }
+    for (std::size_t i = 0; i < placed_.vertices.size(); ++i) {
+        out[static_cast<std::size_t>(placed_.vertices[i])] = placed_.receivers[i];
     }
     return out;
 }

@@ -54,6 +54,8 @@ class Scene {
     const Luminaire& choose_luminaire(double u) const;
 
   private:
+    void place_receivers(const IlluminationMesh& former, int threads);
+
     IlluminationMesh mesh_;
     MeshDivision division_;
     std::vector<Luminaire> luminaires_;
@@ -61,7 +63,7 @@ class Scene {
     double luminous_flux_;
     bool coloured_;
     RayCaster ray_caster_;
-    PlacedReceivers buried_, contacts_;
+    PlacedReceivers placed_; // of former vertices
 };
 
 } // namespace isolux

@@ -197,6 +197,8 @@ def measured_table(table: Measured) -> str:
     said = [f"{name} {value}" for name, value in alike.items()]
     if not table.has("commit"):
         said.append("**commit not told**")
+    elif "commit" not in alike:
+        said.append("commits differ, see the rows")
     out += f"`{table.name}.csv`: {', '.join(said)}.\n\n"
     lines = [f"| {' | '.join(columns)} | |", "|---" * (len(columns) + 1) + "|"]
     for row in table.rows:

@@ -212,6 +212,7 @@ def write_agreement(
         with path.open(newline="", encoding="utf-8") as file:
             rows = {(row["scene"], row["program"]): row for row in csv.DictReader(file)}
     path.parent.mkdir(parents=True, exist_ok=True)
+    made_by = commit()  # what was loaded, whatever the checkout becomes meanwhile
     for subject in subjects:
         asked = at_reference(subject)
         for peer in peers:
@@ -228,7 +229,7 @@ def write_agreement(
             key = {"scene": subject.name, "program": NAMES[peer], "quantity": QUANTITY}
             rows[key["scene"], key["program"]] = {
                 **key, "samples": str(2 * quality), **values, "within": within,
-                "commit": commit(),
+                "commit": made_by,
             }  # fmt: skip
             print(f"  {subject.name}, {peer}: {found}, within: {within}", flush=True)
             with path.open("w", newline="", encoding="utf-8") as file:

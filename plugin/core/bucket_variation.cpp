@@ -1,7 +1,6 @@
 #include "core/bucket_variation.h"
 
 #include <array>
-#include <cstdint>
 
 namespace isolux {
 namespace {
@@ -56,21 +55,6 @@ std::vector<double> offset_square(const IlluminationMesh& mesh, std::span<const 
     divide(out, mesh.areas);
     for (std::size_t v = 0; v < out.size(); ++v) {
         out[v] += offsets[v] * offsets[v];
-    }
-    return out;
-}
-
-std::vector<bool> border_vertices(const IlluminationMesh& mesh) {
-    // Edges that lie opposite a vertex end where the next one begins, but for a gap.
-    std::vector<std::int64_t> gaps(mesh.areas.size());
-    for_each_side(mesh, [&](const MeshElement&, const auto& vertices) {
-        for (std::size_t k = 0; k < 3; ++k) {
-            gaps[vertices[k]] += vertices[(k + 2) % 3] - vertices[(k + 1) % 3];
-        }
-    });
-    std::vector<bool> out(gaps.size());
-    for (std::size_t v = 0; v < out.size(); ++v) {
-        out[v] = gaps[v] != 0;
     }
     return out;
 }

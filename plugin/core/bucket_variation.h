@@ -17,9 +17,6 @@ std::vector<double> bucket_offset(const IlluminationMesh& mesh, std::span<const 
 // the vertices.
 std::vector<double> offset_square(const IlluminationMesh& mesh, std::span<const double> offsets);
 
-// Where a surface ends: of each vertex whether the elements around it don't go all the way round.
-std::vector<bool> border_vertices(const IlluminationMesh& mesh);
-
 // lx, of colours in lx by channel.
 std::vector<double> photometric(std::span<const Vec3f> illuminance);
 

@@ -54,9 +54,8 @@ class Burial {
         if (dot(ray.direction, hit.normal) > 0.0F) {
             hit = facing_hit(mesh_, caster_, ray, hit);
         }
-        const MeshElement& met = mesh_.elements[static_cast<std::size_t>(hit.triangle)];
         const bool at_back = dot(ray.direction, hit.normal) > 0.0F;
-        return at_back && mesh_.surface(met).back_offset < 0 ? Met::back : Met::light;
+        return at_back && mesh_.one_sided(hit.triangle) ? Met::back : Met::light;
     }
 
     const IlluminationMesh& mesh_;

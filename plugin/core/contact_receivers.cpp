@@ -7,7 +7,6 @@
 #include <span>
 #include <utility>
 
-#include "core/bucket_variation.h"
 #include "core/parallel.h"
 #include "core/random.h"
 #include "core/sampling.h"
@@ -112,9 +111,7 @@ float free_path(const IlluminationMesh& mesh, const IlluminationMesh& traced,
         if (hit.triangle == kNoHit) {
             return kFarthest;
         }
-        const MeshElement& met = traced.elements[static_cast<std::size_t>(hit.triangle)];
-        const bool absorbed =
-            traced.surface(met).back_offset < 0 && dot(direction, hit.normal) > 0.0F;
+        const bool absorbed = dot(direction, hit.normal) > 0.0F && traced.one_sided(hit.triangle);
         return absorbed ? 0.0F : std::min(kFarthest, hit.distance / step);
     };
     float sum = 0.0F;

@@ -5,7 +5,6 @@
 #include <limits>
 #include <numbers>
 
-#include "core/bucket_variation.h"
 #include "core/filter_error.h"
 #include "core/parallel.h"
 #include "core/support_selection.h"

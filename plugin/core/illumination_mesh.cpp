@@ -272,6 +272,21 @@ double IlluminationMesh::area(const MeshElement& element) const {
            length(cross(positions[b] - p, positions[c] - p));
 }
 
+std::vector<bool> border_vertices(const IlluminationMesh& mesh) {
+    // Edges that lie opposite a vertex end where the next one begins, but for a gap.
+    std::vector<std::int64_t> gaps(mesh.areas.size());
+    for_each_side(mesh, [&](const MeshElement&, const auto& vertices) {
+        for (std::size_t k = 0; k < 3; ++k) {
+            gaps[vertices[k]] += vertices[(k + 2) % 3] - vertices[(k + 1) % 3];
+        }
+    });
+    std::vector<bool> out(gaps.size());
+    for (std::size_t v = 0; v < out.size(); ++v) {
+        out[v] = gaps[v] != 0;
+    }
+    return out;
+}
+
 std::vector<Receiver> vertex_receivers(const IlluminationMesh& mesh,
                                        std::span<const std::uint8_t> closed) {
     std::vector<Vec3d> middles(mesh.positions.size()); // times area

@@ -61,6 +61,10 @@ struct IlluminationMesh {
     const Surface& surface(const MeshElement& element) const {
         return surfaces[static_cast<std::size_t>(element.surface)];
     }
+    // Whether an element absorbs what meets its back.
+    bool one_sided(std::int32_t element) const {
+        return surface(elements[static_cast<std::size_t>(element)]).back_offset < 0;
+    }
     // m², of what stops light: a surface of opacity a is a sieve, of which the share a is there.
     // What photons leave on it, over this area, is its illuminance.
     double area(const MeshElement& element) const;
@@ -76,6 +80,9 @@ template <typename Each> void for_each_side(const IlluminationMesh& mesh, const 
         }
     }
 }
+
+// Where a surface ends: of each vertex whether the elements around it don't go all the way round.
+std::vector<bool> border_vertices(const IlluminationMesh& mesh);
 
 // Where each vertex samples light: a little towards the middle of the elements around it, so that a
 // vertex in a corner of the room doesn't lie in the plane of the other wall; never behind one of

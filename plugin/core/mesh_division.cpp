@@ -4,6 +4,7 @@
 #include <cmath>
 #include <unordered_map>
 #include <unordered_set>
+#include <utility>
 
 #include "core/position_hash.h"
 
@@ -291,7 +292,7 @@ MeshDivision Division::finish() {
         }
         range.element_end = static_cast<std::int32_t>(finer.elements.size());
     }
-    mesh_ = std::move(finer);
+    out.former = std::exchange(mesh_, std::move(finer));
     return out;
 }
 

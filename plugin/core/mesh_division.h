@@ -19,6 +19,7 @@ struct MeshDivision {
     std::vector<std::int32_t> vertices; // of each former vertex, where it is now
     // One a vertex: m² of the former mesh that it stood for; 0 of added ones.
     std::vector<double> areas;
+    IlluminationMesh former;                          // for the scene, which lets it go
     std::vector<Receiver> receivers;                  // of each former vertex, as it was
     std::vector<std::int32_t> added;                  // vertices, fronts and backs
     std::vector<std::array<std::int32_t, 2>> between; // of each of those

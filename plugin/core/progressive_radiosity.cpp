@@ -217,18 +217,13 @@ void ProgressiveRadiosity::find_losses(int threads) {
             }
             const bool back =
                 hit.triangle != kNoHit && dot(hit.normal.as<double>(), direction) > 0.0;
-            lost += hit.triangle == kNoHit || (back && one_sided(hit.triangle)) ? 1 : 0;
+            lost +=
+                hit.triangle == kNoHit || (back && scene_.mesh().one_sided(hit.triangle)) ? 1 : 0;
         }
         lost_[i] = static_cast<double>(lost) / kLossRays;
     };
     parallel_for(threads, lost_.size(), find);
     progress_.rays += lost_.size() * kLossRays;
-}
-
-bool ProgressiveRadiosity::one_sided(std::int32_t element) const {
-    const IlluminationMesh& mesh = scene_.mesh();
-    const MeshElement& hit = mesh.elements[static_cast<std::size_t>(element)];
-    return mesh.surfaces[static_cast<std::size_t>(hit.surface)].back_offset < 0;
 }
 
 // From the leaves to all nodes.

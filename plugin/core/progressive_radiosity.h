@@ -56,7 +56,6 @@ class ProgressiveRadiosity {
 
   private:
     void find_losses(int threads);
-    bool one_sided(std::int32_t element) const;
     void pull(std::vector<NodeExitance>& exitance) const;
     double flux(const std::vector<NodeExitance>& exitance) const;
 

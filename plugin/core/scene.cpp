@@ -128,7 +128,7 @@ RayTargets ray_targets(const IlluminationMesh& mesh, const std::vector<Luminaire
 
 Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires,
              std::span<const MeshCopy> copies, std::int64_t worth_sharing, int threads, bool divide)
-    : mesh_(divide ? mesh : std::move(mesh)),
+    : mesh_(std::move(mesh)),
       division_(divide ? divide_large_elements(mesh_, sharing_meshes(mesh_, copies, worth_sharing))
                        : MeshDivision{}),
       luminaires_(aimed(std::move(luminaires), mesh_)), luminous_flux_(0.0),
@@ -136,7 +136,7 @@ Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires,
                 !std::ranges::all_of(luminaires_, is_grey)),
       ray_caster_(ray_targets(mesh_, luminaires_, triangles_of(mesh_), copies, worth_sharing),
                   threads) {
-    place_receivers(division_.vertices.empty() ? mesh_ : mesh, threads);
+    place_receivers(threads);
     for (auto& luminaire : luminaires_) {
         const Vec3f local = (luminaire.position - ray_caster_.origin()).as<float>();
         luminaire.touching = static_cast<double>(ray_caster_.offset(local, 0.0F));
@@ -151,18 +151,21 @@ Scene::Scene(IlluminationMesh mesh, std::vector<Luminaire> luminaires,
     }
 }
 
-// former : the mesh before division
-void Scene::place_receivers(const IlluminationMesh& former, int threads) {
+void Scene::place_receivers(int threads) {
+    const bool divided = !division_.vertices.empty();
+    const IlluminationMesh& former = divided ? division_.former : mesh_;
     const bool lit_from_afar = std::ranges::any_of(luminaires_, &Luminaire::is_infinite);
-    placed_ = buried_receivers(former, mesh_, ray_caster_, vertex_receivers(former), lit_from_afar,
-                               threads);
+    placed_ = buried_receivers(former, mesh_, ray_caster_,
+                               divided ? division_.receivers : vertex_receivers(mesh_),
+                               lit_from_afar, threads);
     const PlacedReceivers contacts = contact_receivers(former, mesh_, ray_caster_, threads);
     std::ranges::copy(contacts.vertices, std::back_inserter(placed_.vertices));
     std::ranges::copy(contacts.receivers, std::back_inserter(placed_.receivers));
-    if (!division_.vertices.empty()) {
+    if (divided) {
         for (std::int32_t& v : placed_.vertices) {
             v = division_.vertices[static_cast<std::size_t>(v)];
         }
+        division_.former = {};
     }
 }
 

@@ -54,7 +54,7 @@ class Scene {
     const Luminaire& choose_luminaire(double u) const;
 
   private:
-    void place_receivers(const IlluminationMesh& former, int threads);
+    void place_receivers(int threads);
 
     IlluminationMesh mesh_;
     MeshDivision division_;
@@ -63,7 +63,7 @@ class Scene {
     double luminous_flux_;
     bool coloured_;
     RayCaster ray_caster_;
-    PlacedReceivers placed_; // of former vertices
+    PlacedReceivers placed_; // those that lie beside, of contacts last, which count
 };
 
 } // namespace isolux

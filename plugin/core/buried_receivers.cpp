@@ -80,11 +80,14 @@ PlacedReceivers buried_receivers(const IlluminationMesh& mesh, const Illuminatio
     std::vector<double> nearest(receivers.size(), std::numeric_limits<double>::max());
     std::vector<Receiver> out(receivers.begin(), receivers.end());
     const auto come_out = [&](std::int32_t v, std::int32_t lit) {
-        const Vec3d& start = receivers[lit].position;
-        const Vec3d along = mesh.positions[v] - start;
-        const Vec3f at = (start - caster.origin()).as<float>();
-        const Ray ray{at + mesh.normals[lit] * caster.offset(at, 0.0F), along.as<float>()};
-        const Hit hit = caster.closest_hit(ray);
+        const Vec3f at = (receivers[lit].position - caster.origin()).as<float>();
+        // Kept in the place found: an edge that leaves the surface in a cover's own plane goes
+        // below that at once, and a place on the edge itself would be below, too.
+        const Vec3d lift = (mesh.normals[lit] * caster.offset(at, 0.0F)).as<double>();
+        const Vec3d start = receivers[lit].position + lift;
+        const Vec3d along = mesh.positions[v] - receivers[lit].position;
+        const Hit hit =
+            caster.closest_hit({(start - caster.origin()).as<float>(), along.as<float>()});
         if (hit.triangle == kNoHit || hit.distance >= 1.0F) {
             return;
         }

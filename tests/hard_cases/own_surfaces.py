@@ -337,19 +337,39 @@ def standing_on_vertices() -> None:
 )
 def buried_foot() -> None:
     for turn in ({}, {"x": 17, "y": 31}):
-        lamp, up = (
-            Shape(np.array([(0.7, 0.4, 1.5), UP]), FLOOR.counts, FLOOR.indices)
-            .turned(**turn)
-            .points
-        )
         column = box((0.2, 0.2, 1.05), 0.3).moved(z=0.475)  # 5 cm in the floor
-        lit = directly_lit(
-            mesh("Floor", rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), 0.3).turned(**turn))
-            + mesh("Column", column.turned(**turn))
-            + point_light(FLUX, tuple(lamp))
-        )
-        values, places, normals = direct_at_receivers(lit, "/Column")
+        values, places, normals, lamp, up = on_a_floor(column, 0.3, turn)
         sides = abs(normals @ up) < 0.5
         assert (places[sides] @ up > 0).all()
         expected = from_point(CANDELA, lamp, places[sides], normals[sides])
         assert values[sides] == pytest.approx(expected, rel=1e-3, abs=1e-9)
+
+
+@hard_case(
+    39,
+    "a ramp that goes down from the plane of the floor",
+    "Its vertices below have the light of its upper edge, where the floor begins to cover them.",
+    "I cosθ/d² there",
+    part="d",
+)
+def ramp_into_the_floor() -> None:
+    for turn in ({}, {"x": 17, "y": 31}, {"x": 40, "y": 10}):
+        ramp = merge(
+            rectangle((-0.77, -0.31, 0), (0.4, 0, 0), (0, 0.6, 0), 0.8),
+            rectangle((-0.37, -0.31, 0), (0.8, 0, -0.05), (0, 0.6, 0), 0.8),
+        )
+        values, places, normals, lamp, _ = on_a_floor(ramp, 4.0, turn)
+        assert values == pytest.approx(from_point(CANDELA, lamp, places, normals), rel=1e-3)
+
+
+def on_a_floor(body: Shape, step: float, turn: dict[str, float]) -> tuple[np.ndarray, ...]:
+    """Direct light on a body, lx, its places and normals; where the lamp is, and up."""
+    axes = Shape(np.array([(0.7, 0.4, 1.5), UP]), FLOOR.counts, FLOOR.indices)
+    lamp, up = axes.turned(**turn).points
+    floor = rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), step)
+    lit = directly_lit(
+        mesh("Floor", floor.turned(**turn))
+        + mesh("Body", body.turned(**turn))
+        + point_light(FLUX, tuple(lamp))
+    )
+    return *direct_at_receivers(lit, "/Body"), lamp, up

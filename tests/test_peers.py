@@ -9,7 +9,7 @@ from path_tracer import refuse_what_paths_lack
 from peers.agreement import agreement
 from peers.export import export_scene, lit_vertices
 from peers.peer_scene import PeerScene
-from peers.time_to_error import Place, Reached, median_time, time_to
+from peers.time_to_error import Place, Reached, slowest, time_to
 from reference import PathTracedReference
 from usd_scenes.shapes import box
 from usd_scenes.stage_writing import PHOTOMETRY
@@ -108,10 +108,11 @@ def test_times_are_interpolated_and_extrapolated_only_where_noise_alone_is_left(
     assert time_to(0.5, runs, "isolux") == Reached(1.0)
 
 
-@pytest.mark.parametrize(
-    ("seconds", "median"),
-    [((3.0, 1.0, 2.0), 2.0), ((3.0, None, 2.0), 3.0), ((None, None, 2.0), None), ((), None)],
-)
-def test_a_seed_that_never_gets_there_takes_the_longest(seconds, median) -> None:
-    found = median_time([t and Reached(t) for t in seconds])
-    assert found == (median and Reached(median))
+def test_a_seed_that_never_gets_there_tells_so_unless_it_was_stopped_before() -> None:
+    fast, slow = [Place(1.0, 0.1), Place(2.0, 0.05)], [Place(1.0, 0.2), Place(8.0, 0.05)]
+    stopped, never = [Place(1.0, 0.2), Place(4.0, 0.1)], [Place(1.0, 0.2), Place(16.0, 0.1)]
+    assert slowest(0.05, [fast, slow], "isolux") == Reached(8.0)
+    assert slowest(0.05, [fast, stopped, slow], "isolux") == Reached(8.0)
+    assert slowest(0.05, [fast, stopped], "isolux") is None
+    assert slowest(0.05, [slow, never], "isolux") is None
+    assert slowest(0.05, [], "isolux") is None

@@ -224,12 +224,17 @@ def test_a_reference_of_a_scene_is_kept(tmp_path):
     core = build(meshes, lights)
     description = scene(meshes, lights)
 
-    def reference():
-        return path_traced_reference(description, core, 50, 4, 4, cache=tmp_path)
+    def reference(**asked):
+        return path_traced_reference(description, core, 50, 4, 4, cache=tmp_path, **asked)
 
     first, again = reference(), reference()
-    assert len(list(tmp_path.glob("*.npz"))) == 1
     assert np.array_equal(first.batches, again.batches)
+    finer = reference(noise=0.5 * first.noise(TOTAL))
+    assert finer.noise(TOTAL) <= 0.5 * first.noise(TOTAL)
+    assert 8 <= len(finer.batches) <= 32
+    assert np.array_equal(finer.batches[:4], first.batches)
+    assert np.array_equal(reference().batches, first.batches)
+    assert len(list(tmp_path.glob("*.npz"))) == 1
     # About the mean light of the closed room: each vertex stands for its area.
     mean, error = first.luminance_pair(TOTAL)
     assert mean.mean() == pytest.approx(FLUX / 24 / 0.5, rel=0.1)

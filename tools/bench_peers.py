@@ -1,14 +1,15 @@
 """Error against time: our solver beside other programs, on the same stages, in one run.
 
-    python tools/bench_peers.py STAGE... [--peers P,P] [--threads N] [--seconds S] [--seeds N]
-        [--cpu-time] [--csv FILE] [--figure FILE] [--cache FOLDER]
+    python tools/bench_peers.py STAGE... [--peers P,P] [--threads N] [--seconds S]
+        [--time-budgets S,S] [--cpu-time] [--csv FILE] [--figure FILE] [--cache FOLDER]
     python tools/bench_peers.py STAGE... --agreement FILE [--peers P,P] [--cache FOLDER]
     python tools/bench_peers.py --from CSV [--figure FILE]
 
 Compared is the total illuminance at all illumination vertices: relative RMS error of luminance,
 weighted by area, against a path-traced reference at 1000 of them. Each peer runs at rising
 qualities, about four times the work each, while the next is expected to fit S seconds of solving;
-one whose lowest takes four times as long is left out. Ours runs once for each of N seeds.
+one whose lowest takes four times as long is left out. Ours runs once for each time budget, with a
+seed of its own; a longer one is left out where a shorter one was exact enough.
 With --agreement the peers are asked at the reference's vertices alone, twice, at qualities where
 their noise is low: two must agree with the reference, or an adapter is wrong.
 """
@@ -33,8 +34,8 @@ from peers.export import export_scene, lit_vertices
 from peers.figure import plot_errors
 from peers.peer_process import NAMES, QUALITIES, PeerProcess, Seconds
 from peers.peer_scene import LackingError, PeerScene
-from peers.time_to_error import Place, Reached, median_time, time_to
-from reference import TOTAL, PathTracedReference, path_traced_reference
+from peers.time_to_error import Place, slowest, time_to
+from reference import REFERENCE_NOISE, TOTAL, PathTracedReference, path_traced_reference
 
 from isolux import _core
 from isolux.core_scene import build_core_scene
@@ -100,7 +101,7 @@ class Subject:
 def read_subject(path: Path, cache: Path) -> Subject:
     scene = read_stage(path)
     core = build_core_scene(scene, SolverSettings(), -1)
-    reference = path_traced_reference(scene, core, cache=cache)
+    reference = path_traced_reference(scene, core, noise=REFERENCE_NOISE, cache=cache)
     print(
         f"{path.stem}: {core.element_count:,} triangles, {core.vertex_count:,} vertices; "
         f"reference noise {reference.noise(TOTAL):.2%}",
@@ -251,19 +252,15 @@ def runs(points: Sequence[Point], scene: str, program: str) -> list[list[Place]]
 def print_times(points: Sequence[Point]) -> None:
     """Times to the goals, and how many times sooner ours are there than the fastest peer.
 
-    Ours is the median of the seeds.
+    Ours is the slowest seed.
     """
     rows = []
     for scene in dict.fromkeys(point.scene for point in points):
         programs = dict.fromkeys(point.program for point in points if point.scene == scene)
         for goal in GOALS:
-            reached_by: dict[str, list[Reached | None]] = {
-                program: [time_to(goal, run, program) for run in runs(points, scene, program)]
-                for program in programs
-            }
-            by_seed = reached_by.pop(OURS, [])
-            ours = median_time(by_seed)
-            times = {program: median_time(of) for program, of in reached_by.items()}
+            times = {p: slowest(goal, runs(points, scene, p), p) for p in programs}
+            ours = times.pop(OURS, None)
+            by_seed = [time_to(goal, run, OURS) for run in runs(points, scene, OURS)]
             known = [reached for reached in times.values() if reached is not None]
             ratio = "–"
             if ours is not None and known:
@@ -273,7 +270,7 @@ def print_times(points: Sequence[Point]) -> None:
             cells = [str(times.get(p) or "–") for p in NAMES]
             spread = ", ".join(str(reached or "–") for reached in by_seed)
             rows.append([scene, f"{goal:.0%}", str(ours or "–"), spread, *cells, ratio])
-    columns = ["scene", "to", "isolux, s", "by seed", *NAMES.values(), "fastest peer / isolux"]
+    columns = ["scene", "to", "isolux, s", "by run", *NAMES.values(), "fastest peer / isolux"]
     print_table("Seconds of building and solving to an RMS error", columns, rows)
     print("\n~: past the longest run, by error ∝ seconds^-1/2; –: not reached, or not run")
 
@@ -307,8 +304,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--peers-python", default=sys.executable, help="of where they are")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=30.0, help="of solving, each run at most")
-    parser.add_argument("--time-budget", type=float, default=20.0, help="s, of our run")
-    parser.add_argument("--seeds", type=int, default=3, help="of our runs")
+    parser.add_argument("--time-budgets", default="20,20,120,120", help="s, of our runs")
     parser.add_argument("--cpu-time", action="store_true", help="count the processor's seconds")
     folder = Path(__file__).parents[1] / "build/bench"
     parser.add_argument("--csv", type=Path, default=folder / "peers.csv")
@@ -329,7 +325,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         subjects = [read_subject(path, options.cache) for path in options.stages]
         write_agreement(options.agreement, subjects, peers, options.peers_python)
         return
-    settings = SolverSettings(threads=options.threads).with_budget(time_budget=options.time_budget)
+    settings = SolverSettings(threads=options.threads)
+    budgets = [float(seconds) for seconds in options.time_budgets.split(",")]
     points = []
     provenance: dict[str, object] = {
         "commit": commit(),
@@ -339,9 +336,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     }
     for path in options.stages:
         subject = read_subject(path, options.cache)
-        for seed in range(options.seeds):
-            points += measure_ours(subject, replace(settings, seed=seed), options.cpu_time)
+        ended: list[tuple[float, float]] = []  # budgets, errors
+        for seed, budget in enumerate(budgets):
+            shorter = [error for other, error in ended if other < budget]
+            if shorter and max(shorter) < ENOUGH:
+                continue
+            run = replace(settings, seed=seed).with_budget(time_budget=budget)
+            points += measure_ours(subject, run, options.cpu_time)
             last = points[-1]
+            ended.append((budget, last.rms_error))
             print(f"  {OURS}: {last.solve_seconds:.1f} s, {last.rms_error:.2%}", flush=True)
         for peer in peers:
             try:

@@ -25,7 +25,7 @@ from typing import get_args
 import numpy as np
 from bench_report import commit, cpu_name, print_table
 from numpy.typing import NDArray
-from reference import TOTAL, PathTracedReference, path_traced_reference
+from reference import REFERENCE_NOISE, TOTAL, PathTracedReference, path_traced_reference
 
 from isolux.core_scene import build_core_scene
 from isolux.scene_description import SceneDescription
@@ -179,7 +179,7 @@ def main() -> None:
     for stage in arguments.stages:
         scene = read_stage(stage)
         core = build_core_scene(scene, SolverSettings(), -1)
-        reference = path_traced_reference(scene, core, cache=arguments.cache)
+        reference = path_traced_reference(scene, core, noise=REFERENCE_NOISE, cache=arguments.cache)
         for method in arguments.methods.split(","):
             of: list[Spread] = []
             for photons in counts:

@@ -32,7 +32,7 @@ from convergence import (
     seconds_to,
     write_curve,
 )
-from reference import INDIRECT, TOTAL, path_traced_reference
+from reference import INDIRECT, REFERENCE_NOISE, TOTAL, path_traced_reference
 
 from isolux.core_scene import build_core_scene
 from isolux.settings import Method, SolverSettings
@@ -57,7 +57,7 @@ def measure(
     for stage in stages:
         scene = read_stage(stage)
         core = build_core_scene(scene, settings, -1)
-        reference = path_traced_reference(scene, core, cache=cache)
+        reference = path_traced_reference(scene, core, noise=REFERENCE_NOISE, cache=cache)
         print(
             f"{stage.stem}: {core.element_count:,} triangles, {core.vertex_count:,} vertices; "
             f"reference noise {reference.noise(TOTAL):.1%}, indirect "

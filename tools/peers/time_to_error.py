@@ -51,8 +51,14 @@ def time_to(goal: float, places: Sequence[Place], program: str) -> Reached | Non
     return Reached(last.seconds * (last.error / goal) ** 2, extrapolated=True)
 
 
-def median_time(times: Sequence[Reached | None]) -> Reached | None:
-    """Of several seeds; None where half of them don't get there."""
-    known = sorted((t for t in times if t is not None), key=lambda reached: reached.seconds)
-    middle = len(times) // 2
-    return known[middle] if middle < len(known) else None
+def slowest(goal: float, runs: Sequence[Sequence[Place]], program: str) -> Reached | None:
+    """When the last of some runs is at a goal; None where one that went on longer never is.
+
+    runs : some may have been stopped before: those tell nothing of what takes longer
+    """
+    times = [(time_to(goal, places, program), places[-1].seconds) for places in runs]
+    known = [reached for reached, _ in times if reached is not None]
+    last = max(known, key=lambda reached: reached.seconds, default=None)
+    if last is None or any(at is None and ran > last.seconds for at, ran in times):
+        return None
+    return last

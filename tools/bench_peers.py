@@ -304,7 +304,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--peers-python", default=sys.executable, help="of where they are")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=30.0, help="of solving, each run at most")
-    parser.add_argument("--time-budgets", default="20,20,120,120", help="s, of our runs")
+    parser.add_argument("--time-budgets", default="20,20,120", help="s, of our runs")
     parser.add_argument("--cpu-time", action="store_true", help="count the processor's seconds")
     folder = Path(__file__).parents[1] / "build/bench"
     parser.add_argument("--csv", type=Path, default=folder / "peers.csv")

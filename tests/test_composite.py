@@ -36,8 +36,8 @@ class SimulatedRun:
         return 300 / math.sqrt(max(1, self.photons))
 
     @property
-    def direct_holds_back(self):
-        return self.direct_passes < self.direct_wanted
+    def direct_share(self):
+        return 9.0 if self.direct_passes < self.direct_wanted else 0.0
 
     def trace_until(self, goal: StageGoal, component):
         seconds = goal.seconds - self.finishing_seconds(component) - self.elapsed
@@ -187,11 +187,25 @@ def test_rays_that_become_cheaper_leave_no_time_over():
     assert run.elapsed == pytest.approx(20, rel=0.05)
 
 
-def test_direct_light_becomes_finer_between_gathers_as_long_as_it_holds_them_back():
-    run = SimulatedRun(SolverSettings(target_error=0, photons=64_000_000), direct_wanted=3)
+@pytest.mark.parametrize("budget", [{"photons": 64_000_000}, {"time_budget": 64}])
+def test_direct_light_becomes_finer_between_gathers_as_long_as_it_holds_them_back(budget):
+    run = SimulatedRun(SolverSettings(target_error=0, **budget), direct_wanted=4)
     components = [s.component for s in made("composite", run)]
     after = components[components.index("DDL") :]
-    assert after == ["DDL", "gather", "DDL", "gather", "DDL", "gather", "gather"]
+    assert after[:7] == ["DDL", "gather", "DDL", "DDL", "gather", "DDL", "gather"]
+    assert set(after[7:]) == {"gather"}
+
+
+def test_the_first_rays_tell_whether_direct_light_holds_back_the_first_gather_shown():
+    settings = SolverSettings(target_error=0, time_budget=60)
+    run = run_whose_photons_are_off_by(0.1, settings)
+    run.direct_wanted, run.first_iteration = 3, 0.2
+    every = made("composite", run)
+    after = every[[s.component for s in every].index("DDL") :]
+    assert [s.component for s in after[:5]] == ["DDL", "gather", "DDL", "DDL", "gather"]
+    assert [s.shown for s in after[:5]] == [True, False, False, False, True]
+    assert after[1].rays < after[4].rays
+    assert run.elapsed == pytest.approx(60, rel=0.1)
 
 
 def test_finer_direct_light_takes_no_more_than_half_of_the_time_left():

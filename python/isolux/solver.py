@@ -214,9 +214,9 @@ class ProgressiveSolver:
         return self._gather_ray_seconds or max(self.seconds_per_photon, 1e-9)
 
     @property
-    def direct_holds_back(self) -> bool:
-        """Finer direct light at the vertices would show in the total error."""
-        return self.settings.output_mode == "vertex" and self._light.direct_holds_back
+    def direct_share(self) -> float:
+        """Error of direct light at the vertices, where it can be finer, over the indirect's."""
+        return self._light.direct_share if self.settings.output_mode == "vertex" else 0.0
 
     def trace_until(self, goal: StageGoal, component: Component) -> None:
         """Emit photons until the goal, with time left for the component to use them."""

@@ -149,7 +149,7 @@ double LightTree::first_half(const LightCluster& cluster, int bin) const {
 LightTree::Choice LightTree::choose(const LightCluster& cluster, int bin, double u) const {
     const LightCluster* c = &cluster;
     double probability = 1.0;
-    while (!c->follows_cosine && c->children[0] >= 0) {
+    while (!c->follows_cosine && !c->alone()) {
         const double first = first_half(*c, bin);
         const bool second = u >= first;
         const double share = second ? 1.0 - first : first;
@@ -163,44 +163,6 @@ LightTree::Choice LightTree::choose(const LightCluster& cluster, int bin, double
     const auto above = std::upper_bound(begin + 1, end, *begin + u * all);
     return {order_[above - cumulative_flux_.begin() - 1],
             probability * (*above - *(above - 1)) / all};
-}
-
-// The largest variance is split first.
-void LightTree::choose_clusters(const Receiver& receiver,
-                                const std::function<double(double)>& allowed,
-                                std::vector<ChosenCluster>& out) const {
-    out.clear();
-    double variance = 0.0, expected = 0.0;
-    const double least = allowed(0.0);
-    const auto open = [&](const auto& self, const LightCluster& cluster) -> void {
-        const ClusterIlluminance bound = cluster_illuminance(cluster, receiver);
-        if (bound.most == 0.0) {
-            return;
-        }
-        const bool alone = cluster.children[0] < 0;
-        if (!alone && bound.most > kNear * std::max(bound.middle, least)) {
-            self(self, clusters_[cluster.children[0]]);
-            self(self, clusters_[cluster.children[1]]);
-            return;
-        }
-        const double own = alone ? 0.0 : bound.variance();
-        out.push_back({own, bound, &cluster});
-        std::ranges::push_heap(out, {}, &ChosenCluster::variance);
-        variance += own;
-        expected += bound.middle;
-    };
-    open(open, clusters_.front());
-    while (!out.empty() && out.front().variance > 0.0 && std::sqrt(variance) > allowed(expected)) {
-        std::ranges::pop_heap(out, {}, &ChosenCluster::variance);
-        const ChosenCluster parent = out.back();
-        out.pop_back();
-        variance = std::max(0.0, variance - parent.variance);
-        expected -= parent.bound.middle;
-        for (const std::int32_t child : parent.cluster->children) {
-            open(open, clusters_[child]);
-        }
-    }
-    std::ranges::sort(out, {}, [](const ChosenCluster& c) { return c.cluster->first; });
 }
 
 // By place to first order or as if even up to the most, and by luminaire; few can be that bright
@@ -235,15 +197,17 @@ ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiv
     const Vec3d gap{beyond(to.x, cluster.half.x), beyond(to.y, cluster.half.y),
                     beyond(to.z, cluster.half.z)};
     ClusterIlluminance out;
-    const double gap_squared = dot(gap, gap);
+    const bool alone = cluster.alone();
+    const double gap_squared = alone ? squared : dot(gap, gap); // a lone one's box is a point
     if (gap_squared == 0.0) { // among its luminaires, which nothing bounds
         out.most = std::numeric_limits<double>::infinity();
         out.angle = 1.0;
         return out;
     }
     const double per_squared = 1.0 / squared, per_distance = std::sqrt(per_squared);
-    const double nearest_squared = 1.0 / gap_squared, nearest = std::sqrt(nearest_squared);
-    const auto cosine = [](double a) { return std::clamp(a, 0.0, 1.0); };
+    const double nearest_squared = alone ? per_squared : 1.0 / gap_squared;
+    const double nearest = alone ? per_distance : std::sqrt(nearest_squared);
+    const auto cosine = [](double a) { return std::min(1.0, std::max(0.0, a)); };
 
     out.angle = std::min(1.0, cluster.radius * per_distance);
     out.middle = cluster.peak_intensity * cosine(height * per_distance) * per_squared;
@@ -265,6 +229,9 @@ ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiv
         out.between = towards.between;
         across = towards.across * wide * wide;
     }
+    if (alone) {
+        return out;
+    }
     if (!first_order) {
         out.spread = kUnknownSpread;
         return out;
@@ -278,6 +245,74 @@ ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiv
                        slope.z * cluster.half.z};
     out.spread = dot(change, change) / 3.0 + across;
     return out;
+}
+
+// The largest variance is split first.
+std::span<const ClusterChoice::Chosen>
+ClusterChoice::choose(const LightTree& tree, const Receiver& receiver,
+                      const std::function<double(double)>& allowed) {
+    clusters_ = tree.clusters();
+    receiver_ = receiver;
+    least_ = allowed(0.0);
+    variance_ = expected_ = 0.0;
+    looked_at_.clear();
+    candidates_.clear();
+    chosen_.clear();
+    look_at(clusters_.front());
+    weigh(0);
+    while (!candidates_.empty() && candidates_.front().variance > 0.0 &&
+           std::sqrt(variance_) > allowed(expected_)) {
+        std::ranges::pop_heap(candidates_, {}, &Candidate::variance);
+        const auto [variance, place] = candidates_.back();
+        candidates_.pop_back();
+        variance_ = std::max(0.0, variance_ - variance);
+        expected_ -= looked_at_[place].cluster.bound.middle;
+        split(place);
+    }
+    take(0);
+    return chosen_;
+}
+
+void ClusterChoice::look_at(const LightCluster& cluster) {
+    looked_at_.push_back({{cluster_illuminance(cluster, receiver_), &cluster}, -1});
+}
+
+void ClusterChoice::weigh(std::int32_t place) {
+    const auto& [bound, cluster] = looked_at_[place].cluster;
+    if (bound.most == 0.0) {
+        return;
+    }
+    const bool alone = cluster->alone();
+    if (!alone && bound.most > kNear * std::max(bound.middle, least_)) {
+        split(place);
+        return;
+    }
+    const double own = alone ? 0.0 : bound.variance();
+    variance_ += own;
+    expected_ += bound.middle;
+    candidates_.push_back({own, place});
+    std::ranges::push_heap(candidates_, {}, &Candidate::variance);
+}
+
+void ClusterChoice::split(std::int32_t place) {
+    const auto halves = static_cast<std::int32_t>(looked_at_.size());
+    looked_at_[place].halves = halves;
+    const LightCluster& cluster = *looked_at_[place].cluster.cluster;
+    for (const std::int32_t child : cluster.children) {
+        look_at(clusters_[child]);
+    }
+    weigh(halves);
+    weigh(halves + 1);
+}
+
+void ClusterChoice::take(std::int32_t place) {
+    const auto& [cluster, halves] = looked_at_[place];
+    if (halves >= 0) {
+        take(halves);
+        take(halves + 1);
+    } else if (cluster.bound.most != 0.0) {
+        chosen_.push_back(cluster);
+    }
 }
 
 } // namespace isolux

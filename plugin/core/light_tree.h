@@ -26,6 +26,8 @@ struct LightCluster {
     Vec3d axis{};            // unit; mean of the luminaires' nadirs
     double spread = 0.0;     // rad, widest angle from the axis to a nadir
     double reach = 0.0;      // rad, widest angle from its nadir that a luminaire lights
+
+    bool alone() const { return children[0] < 0; } // one luminaire
 };
 
 // Illuminance that a cluster may give a receiver if nothing is in the way: no more than `most`,
@@ -39,11 +41,6 @@ struct ClusterIlluminance {
     // Of the whole by one of its luminaires, chosen by flux, lx².
     double variance() const;
 };
-struct ChosenCluster {
-    double variance; // lx²
-    ClusterIlluminance bound;
-    const LightCluster* cluster;
-};
 
 class LightTree {
   public:
@@ -51,6 +48,8 @@ class LightTree {
 
     // The root first.
     std::span<const LightCluster> clusters() const { return clusters_; }
+    // The only luminaire of a cluster.
+    std::int32_t luminaire(const LightCluster& alone) const { return order_[alone.first]; }
     // A luminaire of the cluster and its probability, by luminous flux, or where they differ in it
     // by intensity in the direction of a bin; u uniform in [0, 1).
     struct Choice {
@@ -60,11 +59,6 @@ class LightTree {
     Choice choose(const LightCluster& cluster, int bin, double u) const;
     // Probability that what is chosen of the cluster is in its first half.
     double first_half(const LightCluster& cluster, int bin) const;
-    // All that may light the receiver, in the tree's order, in clusters whose luminaires differ so
-    // little in what they may give that the square root of the sum of their variances is allowed,
-    // lx, as a function of the illuminance expected of them all, lx.
-    void choose_clusters(const Receiver& receiver, const std::function<double(double)>& allowed,
-                         std::vector<ChosenCluster>& out) const;
     // Its place in the tree's order.
     std::int32_t place(std::int32_t luminaire) const { return places_[luminaire]; }
 
@@ -78,6 +72,44 @@ class LightTree {
     std::vector<double> cumulative_flux_; // lm, in the tree's order, from 0
 };
 
+// Of a single luminaire without `spread`.
 ClusterIlluminance cluster_illuminance(const LightCluster& cluster, const Receiver& receiver);
+
+// Chooses clusters for one receiver after another; keeps its memory.
+class ClusterChoice {
+  public:
+    struct Chosen {
+        ClusterIlluminance bound;
+        const LightCluster* cluster;
+    };
+    // All that may light the receiver, in the tree's order, in clusters whose luminaires differ so
+    // little in what they may give that the square root of the sum of their variances is allowed,
+    // lx, as a function of the illuminance expected of them all, lx. Until the next choice.
+    std::span<const Chosen> choose(const LightTree& tree, const Receiver& receiver,
+                                   const std::function<double(double)>& allowed);
+
+  private:
+    struct LookedAt {
+        Chosen cluster;
+        std::int32_t halves; // place of the first, the other follows; -1: not split
+    };
+    struct Candidate {
+        double variance; // lx²
+        std::int32_t place;
+    };
+
+    void look_at(const LightCluster& cluster);
+    void weigh(std::int32_t place);
+    void split(std::int32_t place);
+    void take(std::int32_t place);
+
+    std::span<const LightCluster> clusters_;
+    Receiver receiver_;
+    double least_ = 0.0;                     // lx, error allowed where it is dark
+    double variance_ = 0.0, expected_ = 0.0; // lx², lx, of the candidates
+    std::vector<LookedAt> looked_at_;        // the root first
+    std::vector<Candidate> candidates_;      // a heap
+    std::vector<Chosen> chosen_;
+};
 
 } // namespace isolux

@@ -125,13 +125,14 @@ ShadowTesting::Found ShadowTesting::illuminate(const Receiver& receiver, float i
 double ShadowTesting::allowed() const { return sources_.allowed(direct_ + indirect_); }
 
 void ShadowTesting::add_clusters() {
-    sources_.tree->choose_clusters(
-        receiver_, [this](double expected) { return sources_.allowed(expected + indirect_); },
-        chosen_);
+    const auto chosen_clusters =
+        clusters_.choose(*sources_.tree, receiver_, [this](double expected) {
+            return sources_.allowed(expected + indirect_);
+        });
     // Neighbours in pairs, which tell where there are edges.
-    for (const ChosenCluster& chosen : chosen_) {
+    for (const auto& [bound, cluster] : chosen_clusters) {
         const auto index = static_cast<std::int32_t>(shares_.size());
-        if (add_sampled(*chosen.cluster, chosen.bound) && index % 2 != 0) {
+        if (add_sampled(*cluster, bound) && index % 2 != 0) {
             shares_[index - 1].sibling = index;
         }
     }
@@ -141,27 +142,25 @@ void ShadowTesting::add_clusters() {
 // gives no light.
 bool ShadowTesting::add(std::int32_t luminaire, double unoccluded, const LightCluster* cluster,
                         const ClusterIlluminance& bound, int bin) {
-    const LuminaireIlluminance& light = sources_.luminaires[luminaire];
-    Share share{.luminaire = luminaire, .cluster = cluster, .bin = bin};
-    if (cluster != nullptr) {
-        share.unoccluded = unoccluded;
-        share.expected = bound.middle;
-        share.geometry = bound.variance();
-        share.angle = bound.angle;
-    } else if (unoccluded > 0.0) {
-        share.unoccluded = share.expected = unoccluded;
-        if (const auto* far = std::get_if<DistantLuminaire>(&light.luminaire().shape)) {
-            share.angle = far->half_angle;
-        } else {
-            const double distance = length(light.luminaire().position - receiver_.position);
-            share.angle = distance > light.radius() ? light.radius() / distance : 1.0;
-            share.angle += share.angle > kPointAngle ? kFixtureAngle : 0.0;
-        }
-    } else {
+    if (cluster == nullptr && !(unoccluded > 0.0)) {
         return false;
     }
     pending_.push_back(static_cast<std::int32_t>(shares_.size()));
-    shares_.push_back(share);
+    Share& share = shares_.emplace_back(luminaire, unoccluded, cluster, bin);
+    if (cluster != nullptr) {
+        share.expected = bound.middle;
+        share.geometry = bound.variance();
+        share.angle = bound.angle;
+        return true;
+    }
+    const LuminaireIlluminance& light = sources_.luminaires[luminaire];
+    if (const auto* far = std::get_if<DistantLuminaire>(&light.luminaire().shape)) {
+        share.angle = far->half_angle;
+    } else {
+        const double distance = length(light.luminaire().position - receiver_.position);
+        share.angle = distance > light.radius() ? light.radius() / distance : 1.0;
+        share.angle += share.angle > kPointAngle ? kFixtureAngle : 0.0;
+    }
     return true;
 }
 
@@ -169,20 +168,24 @@ bool ShadowTesting::add_sampled(const LightCluster& cluster, const ClusterIllumi
     if (bound.most == 0.0) {
         return false;
     }
-    const auto node = static_cast<std::uint64_t>(&cluster - sources_.tree->clusters().data());
+    const LightTree& tree = *sources_.tree;
+    if (cluster.alone()) {
+        const std::int32_t luminaire = tree.luminaire(cluster);
+        return add(luminaire, sources_.luminaires[luminaire].unoccluded(receiver_), nullptr, bound);
+    }
+    const auto node = static_cast<std::uint64_t>(&cluster - tree.clusters().data());
     const double u = static_cast<double>(mix64(key_ + mix64(~node)) >> 11) * 0x1p-53;
     const int bin =
         cluster.follows_cosine ? 0 : ClusterIntensity::bin(receiver_.position - cluster.centre);
-    const auto [luminaire, probability] = sources_.tree->choose(cluster, bin, u);
+    const auto [luminaire, probability] = tree.choose(cluster, bin, u);
     const double unoccluded = sources_.luminaires[luminaire].unoccluded(receiver_);
-    return cluster.children[0] >= 0 ? add(luminaire, unoccluded / probability, &cluster, bound, bin)
-                                    : add(luminaire, unoccluded, nullptr, bound);
+    return add(luminaire, unoccluded / probability, &cluster, bound, bin);
 }
 
 // The half that holds the sampled luminaire keeps its shadow ray.
 void ShadowTesting::split(std::int32_t index) {
     const Share parent = shares_[index];
-    shares_[index] = {};
+    shares_[index] = Share(0, 0.0, nullptr, 0);
     const LightTree& tree = *sources_.tree;
     const LightCluster* kept = &tree.clusters()[parent.cluster->children[0]];
     const LightCluster* other = &tree.clusters()[parent.cluster->children[1]];
@@ -193,9 +196,8 @@ void ShadowTesting::split(std::int32_t index) {
     }
     const auto first = static_cast<std::int32_t>(shares_.size());
     const ClusterIlluminance bound = cluster_illuminance(*kept, receiver_);
-    const bool halved =
-        bound.most > 0.0 && add(parent.luminaire, parent.unoccluded * share,
-                                kept->children[0] >= 0 ? kept : nullptr, bound, parent.bin);
+    const bool halved = bound.most > 0.0 && add(parent.luminaire, parent.unoccluded * share,
+                                                kept->alone() ? nullptr : kept, bound, parent.bin);
     if (halved) {
         Share& s = shares_.back();
         s.samples = s.wanted = parent.samples;
@@ -294,6 +296,7 @@ void ShadowTesting::settle() {
             s.sibling = -1;
         }
     }
+    const double rate = edges_per_radian();
     for (const std::int32_t i : pending_) {
         Share& s = shares_[i];
         const double n = std::max(1.0, static_cast<double>(s.samples));
@@ -314,7 +317,7 @@ void ShadowTesting::settle() {
         direct_ += s.direct;
         known_ += s.known;
         edges_ += s.edges;
-        const double gain = s.gain(edges_per_radian());
+        const double gain = s.gain(rate);
         if (gain > 0.0) {
             candidates_.push_back({gain, i});
             std::ranges::push_heap(candidates_, {}, &Candidate::gain);

@@ -61,23 +61,26 @@ class ShadowTesting {
     };
     // One luminaire's light, or that of a cluster by one of its luminaires.
     struct Share {
-        std::int32_t luminaire = 0;
-        const LightCluster* cluster = nullptr; // null: the luminaire alone
-        int bin = 0;                           // of directions, that it was chosen for
-        double unoccluded = 0.0;               // lx
-        double expected = 0.0; // lx, the same whichever of a cluster's luminaires is looked at
+        std::int32_t luminaire;
+        int bin;                     // of directions, that it was chosen for
+        const LightCluster* cluster; // null: the luminaire alone
+        double unoccluded;           // lx
+        double expected;       // lx, the same whichever of a cluster's luminaires is looked at
         double geometry = 0.0; // lx², variance of unoccluded light in a cluster
         double angle = 0.0;    // rad, radius as seen from the receiver
         std::uint32_t samples = 0, wanted = 1; // points of the luminaire tried, to be tried
         double seen = 0.0, all = 0.0;          // sums of their weights
         float least = 1.0F, most = 0.0F;       // of what reaches the receiver from one of them
-        bool mixed = false;                    // its sibling's shadow rays met something else
         std::int32_t sibling = -1;             // the other half of a cluster just split
-        double direct = 0.0;                   // lx
         std::uint32_t agreed = 0;              // samples that did, before more were tried
         double agreed_on = 0.0;                // visible share by these
+        double direct = 0.0;                   // lx
         double known = 0.0, edges = 0.0;       // lx², variance; the second for each edge a radian
+        bool mixed = false;                    // its sibling's shadow rays met something else
 
+        // Not as an aggregate, which would be cleared and copied.
+        Share(std::int32_t index, double light, const LightCluster* of, int towards)
+            : luminaire(index), bin(towards), cluster(of), unoccluded(light), expected(light) {}
         double visible() const { return all > 0.0 ? seen / all : 0.0; }
         bool decided() const { return all > 0.0 && least >= most; }
         // Of a further shadow ray, lx².
@@ -113,7 +116,7 @@ class ShadowTesting {
     std::uint64_t shadow_rays_ = 0;
     std::vector<Share> shares_;
     std::vector<std::int32_t> pending_; // shares that want shadow rays
-    std::vector<ChosenCluster> chosen_;
+    ClusterChoice clusters_;
     std::vector<Candidate> candidates_; // a heap
     std::vector<Ray> rays_;
     std::vector<Probe> probes_; // one a ray

@@ -5,6 +5,7 @@
 
 #include "binding/arrays.h"
 #include "core/authored_mesh.h"
+#include "core/triangulation.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -22,6 +23,20 @@ template <typename T> std::span<Vec3<T>> view_to_fill(InOut3<T>& a, std::size_t 
         throw std::invalid_argument("one row of output for each of input");
     }
     return {reinterpret_cast<Vec3<T>*>(a.data()), wanted};
+}
+
+Out<double> area_vectors(const In3<double>& points, const In1<std::int32_t>& indices,
+                         const In1<std::int64_t>& first_corners, const In1<std::int32_t>& counts) {
+    if (first_corners.size() != counts.size()) {
+        throw std::invalid_argument("a first corner and a count a face");
+    }
+    const PolygonMesh mesh{view(points), {}, view(indices), {}};
+    std::vector<Vec3d> out(counts.size());
+    for (std::size_t f = 0; f < out.size(); ++f) {
+        out[f] =
+            area_vector(mesh, static_cast<std::int32_t>(first_corners.data()[f]), counts.data()[f]);
+    }
+    return hand_over(std::move(out));
 }
 
 } // namespace
@@ -70,4 +85,11 @@ void bind_authored_mesh(nb::module_& module) {
         "of : (C,) int32, the normal of each corner, each a valid index; None: one a corner\n"
         "matrix : (4, 3) float64 for row vectors; out : (C, 3) float32, filled with unit vectors\n"
         "returns : whether all normals were finite and other than zero");
+
+    module.def("area_vectors", &area_vectors, "points"_a, "indices"_a, "first_corners"_a,
+               "counts"_a,
+               "(n, 3) float64, of n faces: twice the area long, by the corner order.\n\n"
+               "indices : (C,) int32, valid, of all faces\n"
+               "first_corners, counts : (n,) int64, int32; where each of the n begins in them, and "
+               "how many are its own");
 }

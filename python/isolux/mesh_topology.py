@@ -113,15 +113,5 @@ class MeshTopology:
         faces : (n,) int64, which faces; none without corners
         returns : (n, 3) float64
         """
-        counts = self.counts[faces].astype(np.int64)
-        first = np.cumsum(counts) - counts  # where each chosen face begins among chosen corners
-        place = np.arange(counts.sum()) - np.repeat(first, counts)
         starts = self.first_corners(faces)
-        start = np.repeat(starts, counts)
-        here = points[self.indices[start + place]]
-        after = points[self.indices[start + (place + 1) % np.repeat(counts, counts)]]
-        # Relative to a point near the face, or far-off coordinates would drown its area.
-        origin = np.repeat(points[self.indices[starts]], counts, axis=0)
-        sums = np.zeros((len(here) + 1, 3))
-        np.cumsum(np.cross(here - origin, after - origin), axis=0, out=sums[1:])
-        return sums[first + counts] - sums[first]
+        return _core.area_vectors(points, self.indices, starts, self.counts[faces])

@@ -239,19 +239,25 @@ class MeshOutput:
 
     def __init__(self, path: str, reflectance: NDArray[np.float32], corners: MeshCorners) -> None:
         self.path = path
-        crease = _primvar_layout(corners, reflectance, np.zeros(1, np.int64))
-        by_reflectance = crease
+        self._crease = _primvar_layout(corners, reflectance, np.zeros(1, np.int64))
+        self._by_reflectance = self._crease
         if len(reflectance) > 1:
-            by_reflectance = _primvar_layout(corners, reflectance, face_kinds(reflectance))
-        self._layouts = {"crease": crease, "reflectance": by_reflectance}
+            self._by_reflectance = _primvar_layout(corners, reflectance, face_kinds(reflectance))
 
     def primvars(
         self, illuminance: VertexIlluminance
     ) -> Iterator[tuple[OutputField, PrimvarLayout, NDArray[np.float32] | None]]:
         """Field, layout and values of each primvar; no values where this mesh hasn't the field."""
-        values = {split: layout.gather(illuminance) for split, layout in self._layouts.items()}
+        crease = by_reflectance = self._crease.gather(illuminance)
+        if self._by_reflectance is not self._crease:
+            by_reflectance = self._by_reflectance.gather(illuminance)
+        of_split = {
+            "crease": (self._crease, crease),
+            "reflectance": (self._by_reflectance, by_reflectance),
+        }
         for field in OUTPUT_FIELDS:
-            yield field, self._layouts[field.split], field.values(values[field.split])
+            layout, values = of_split[field.split]
+            yield field, layout, field.values(values)
 
 
 def surface_look(mesh: MeshDescription) -> NDArray[np.float32]:
@@ -282,13 +288,27 @@ def corner_values(
     kinds = kinds[corners.faces] if len(kinds) > 1 else kinds
     keys = corners.front * (kinds.max(initial=0) + 1) + kinds
     keys[corners.front < 0] = -1
-    _, first_corners, place = np.unique(keys, return_index=True, return_inverse=True)
+    first_corners, place = _unique(keys)
     if len(reflectance) > 1:
         reflectance = reflectance[corners.faces[first_corners]]
     front = corners.front[first_corners]
     back = None if corners.back is None else corners.back[first_corners]
-    indices = place.ravel().astype(np.int32)
+    indices = place.astype(np.int32)
     return PrimvarLayout("faceVarying", front, back, reflectance, indices), indices
+
+
+def _unique(keys: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Of each different key in rising order the first place; of each key, which of them it is."""
+    low, high = (int(keys.min()), int(keys.max())) if len(keys) else (0, -1)
+    span = high - low + 1
+    if span > 4 * len(keys):
+        _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+        return first, which.ravel()
+    # A table takes a fraction of the time of sorting them.
+    table = np.full(span, -1)
+    table[keys[::-1] - low] = np.arange(len(keys))[::-1]  # the first of equal ones stays
+    used = table >= 0
+    return table[used], (np.cumsum(used) - 1)[keys - low]
 
 
 def _primvar_layout(

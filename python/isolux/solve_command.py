@@ -9,10 +9,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from signal import Signals
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from . import __version__
 from .dark_stages import warnings_of
@@ -31,6 +30,9 @@ from .solver import ProgressiveSolver
 from .stage_opening import AS_IT_STANDS, StageOpening
 from .stage_reader import read_source
 from .tables import findings_summary, new_console, percent, scene_summary, stage_table
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 
 def solve_stage(
@@ -196,13 +198,14 @@ class _StageDisplay:
         bounded = settings.photons > 0 or settings.time_budget > 0
         self._of_stages = f"/{settings.stages}" if bounded else ""
         self._live: Progress | None = None
-        self._task = TaskID(0)
 
     def __enter__(self) -> _StageDisplay:
         if self._console.is_terminal:
+            from rich.progress import BarColumn, Progress, TextColumn  # 0.01 s to load
+
             text = TextColumn("{task.description}")
             self._live = Progress(BarColumn(), text, console=self._console, transient=True)
-            self._task = self._live.add_task("tracing the first photons", total=1.0)
+            self._live.add_task("tracing the first photons", total=1.0)
             self._live.start()
         return self
 
@@ -226,7 +229,8 @@ class _StageDisplay:
         elif progress.time_left is not None:
             parts.append(f"{progress.time_left:.0f} s left")
         description = " · ".join(parts)
-        self._live.update(self._task, completed=progress.fraction, description=description)
+        (task,) = self._live.task_ids
+        self._live.update(task, completed=progress.fraction, description=description)
 
     def complete(self, stage: ProgressiveStage) -> None:
         """Say that a stage is written."""

@@ -33,8 +33,8 @@ DIRECT, INDIRECT, TOTAL = (0,), (1,), (0, 1)
 # Direct light at the point itself: one shadow ray each, where a path takes several rays. Flat of
 # several rooms, 128 samples in a batch: the noise of direct light is twice that of indirect light.
 DIRECT_SAMPLES_PER_PATH = 2
-# Where a noise is asked for: the most batches, at which the darkest benchmark has 1.4 %.
-MOST_BATCHES = 64
+# Where a noise is asked for: the most batches, at which the darkest benchmark has 2 %.
+MOST_BATCHES = 32
 # Of what speeds and convergence are told against: the last goal is an error of 1 %.
 REFERENCE_NOISE = 0.01
 VERSION = 2  # of what the numbers mean, for the cache

@@ -3,9 +3,10 @@
     python tools/coverage.py [--cases NAME,NAME] [--seeds N] [--processes N] [--csv FILE]
         [--cache FOLDER]
 
-Each seed solves each case from the first photons on; every stage is compared, vertex by vertex,
-with the illuminance at the vertex itself: in closed form where there is one, else path-traced
-(`reference.py`), whose own standard error is added to the reported one. The quantities:
+Each seed solves each case from the first photons on, large elements divided as in any run (but
+radiosity's); every stage is compared, at the scene's own vertices, with the illuminance at the
+vertex itself: in closed form where there is one, else path-traced (`reference.py`), whose own
+standard error is added to the reported one. The quantities:
 
 - vertex, area: share of all (vertex, seed), each counting once or by its area, in which
   |value - truth| <= 1.96 times the reported standard deviation (relativeDeviation times the value);
@@ -102,21 +103,25 @@ class Row:
     commit: str
 
 
+Places = NDArray[np.integer]
+
+
 # --- stages --------------------------------------------------------------------------------------
 
 
-def _snapshot(name: str, component: str, light: Illumination) -> Stage:
+def _snapshot(name: str, component: str, light: Illumination, places: Places) -> Stage:
     direct, indirect = (
-        photometric(values).astype(np.float64) for values in (light.direct, light.indirect)
+        photometric(values[places]).astype(np.float64) for values in (light.direct, light.indirect)
     )
+    direct_error, indirect_error = light.direct_error[places], light.indirect_error[places]
     return Stage(
         name,
         component,
         {"direct": direct, "indirect": indirect, "total": direct + indirect},
         {
-            "direct": light.direct_error,
-            "indirect": light.indirect_error,
-            "total": np.hypot(light.direct_error, light.indirect_error),
+            "direct": direct_error,
+            "indirect": indirect_error,
+            "total": np.hypot(direct_error, indirect_error),
         },
         {"total": light.rms_error, "indirect": light.rms_error_indirect},
     )
@@ -124,7 +129,7 @@ def _snapshot(name: str, component: str, light: Illumination) -> Stage:
 
 def stages(case: Case, seed: int, photon_counts: Sequence[int]) -> Iterator[tuple[Stage, int]]:
     """All stages of one seed, with their photons."""
-    core, areas = case.core, case.core.vertex_areas
+    core, areas, places = case.solved, case.solved.told_areas, case.places
     settings = SolverSettings(seed=seed)
     reflects = bool(case.indirect.any())
 
@@ -151,12 +156,13 @@ def stages(case: Case, seed: int, photon_counts: Sequence[int]) -> Iterator[tupl
         for name, variant in variants.items():
             if name == ", unshared" and count != photon_counts[0]:
                 continue
-            yield _snapshot(f"{count} photons{name}", "DEPT", taken(photons, variant)), count
+            light = taken(photons, variant)
+            yield _snapshot(f"{count} photons{name}", "DEPT", light, places), count
     lighting = DirectLight(core, settings, 1)
     light = Illumination(areas)
     light.take_direct(*lighting.at_vertices(np.zeros(len(areas), np.float32), lambda share: None))
     light.leave_indirect_dark()
-    yield _snapshot("vertices", "DDL", light), 0
+    yield _snapshot("vertices", "DDL", light, places), 0
     if not reflects:
         return
     gather = FinalGather(core, settings, 1)
@@ -164,12 +170,12 @@ def stages(case: Case, seed: int, photon_counts: Sequence[int]) -> Iterator[tupl
     for photons in trace([c for c in photon_counts if c in LATE_PHOTONS]):
         count = photons.emitted
         light.take_indirect_photons(photons.filtered()[0])
-        yield _snapshot(f"{count} photons", "IDEPT", light), count
+        yield _snapshot(f"{count} photons", "IDEPT", light, places), count
         light.take_indirect(
             gather.gather(photons, light.direct, GATHER_RAYS_PER_PHOTON * count - rays)
         )
         rays = GATHER_RAYS_PER_PHOTON * count
-        yield _snapshot(f"{count} photons", "gather", light), count
+        yield _snapshot(f"{count} photons", "gather", light, places), count
 
 
 def radiosity_stage(case: Case, seed: int) -> Stage:
@@ -181,7 +187,7 @@ def radiosity_stage(case: Case, seed: int) -> Stage:
     radiosity = Radiosity(case.core, settings, 1, lighting, lambda share: None)
     while not radiosity.finished:
         light.take_indirect(radiosity.shoot(RADIOSITY_RAYS))
-    return _snapshot("finished", "HPR", light)
+    return _snapshot("finished", "HPR", light, np.arange(len(none)))
 
 
 # --- statistics ----------------------------------------------------------------------------------
@@ -236,7 +242,7 @@ class Coverage:
 def poisson_row(counts: NDArray[np.uint64]) -> tuple[float, float] | None:
     """Share of (seed, bucket) whose interval holds the mean of the other seeds; the rule's own.
 
-    counts : (seeds, V) of buckets
+    counts : (seeds, N) of buckets
     """
     seeds = len(counts)
     counts = counts[:, counts.sum(axis=0) > 0]
@@ -257,7 +263,7 @@ class Told:
     """Of one seed.
 
     stages : each with its photons
-    counts : (V, 2) hits of the buckets of direct and indirect light, by photons
+    counts : (N, 2) hits of the buckets of direct and indirect light, by photons
     seconds : of the processor
     """
 
@@ -281,15 +287,15 @@ def told_of_seed(seed: int, name: str, photon_counts: Sequence[int], folder: Pat
         told.append((radiosity_stage(case, seed), 0))
     counts = {}
     for photons in photon_counts[:2]:
-        buckets = _core.PhotonBuckets(case.core)
-        _core.trace_photons(case.core, buckets, seed, 0, photons, 1)
+        buckets = _core.PhotonBuckets(case.solved)
+        _core.trace_photons(case.solved, buckets, seed, 0, photons, 1)
         counts[photons] = buckets.hit_counts
     return Told(told, counts, time.process_time() - started)
 
 
 def measure(name: str, case: Case, all_told: Iterable[Told]) -> Iterator[Row]:
     made_by = commit()  # now: a long run outlasts a commit
-    areas = case.core.vertex_areas
+    areas = case.solved.told_areas[case.places]
     truths = {
         "direct": (case.direct, case.direct_noise),
         "indirect": (case.indirect, case.indirect_noise),
@@ -371,6 +377,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             noise = np.sqrt(np.nanmean(case.direct_noise**2 + case.indirect_noise**2))
             print(
                 f"{name}: {case.core.element_count} triangles, {case.core.vertex_count} vertices, "
+                f"{case.solved.vertex_count} solved, "
                 f"the truth known to {noise / np.nanmean(case.direct + case.indirect):.2%} "
                 f"({seconds:.0f} s CPU)",
                 file=sys.stderr,

@@ -13,6 +13,7 @@ from reference import DIRECT, INDIRECT, path_traced_reference
 
 from isolux import _core
 from isolux.core_scene import build_core_scene
+from isolux.mesh_division import MeshDivision
 from isolux.scene_description import (
     GoniometricDiagram,
     LuminaireDescription,
@@ -37,16 +38,25 @@ Array = NDArray[np.float64]
 class Case:
     """A scene and its light at the vertices.
 
+    core : as it stands, of V vertices, with which radiosity begins
+    solved : its large elements divided, as for all other methods
     direct, indirect : (V,) lx, photometric; nan where there is no light to know
     direct_noise, indirect_noise : (V,) lx, standard errors of these
     """
 
     scene: SceneDescription
     core: _core.Scene
+    solved: _core.Scene
     direct: Array
     indirect: Array
     direct_noise: Array
     indirect_noise: Array
+
+    @property
+    def places(self) -> NDArray[np.int32]:
+        """(V,) of the scene's vertices in what is solved."""
+        division = MeshDivision.of(self.solved)
+        return np.arange(self.core.vertex_count) if division is None else division.vertices
 
 
 def shadowed_floor(folder: Path, cache: Path | None) -> Case:
@@ -79,7 +89,7 @@ def shadowed_floor(folder: Path, cache: Path | None) -> Case:
     squared = (at[:, :2] ** 2).sum(axis=1) + height**2
     direct = np.where(hidden, 0.0, 1000 * height**2 / squared**2)
     none = np.zeros(len(direct))
-    return Case(scene, core, direct, none, none, none)
+    return Case(scene, core, _divided(scene), direct, none, none, none)
 
 
 def _traced(generate: Callable[[Path], None], strata: int) -> Callable[[Path, Path | None], Case]:
@@ -98,9 +108,13 @@ def _traced(generate: Callable[[Path], None], strata: int) -> Callable[[Path, Pa
                 full = np.full(count, np.nan)
                 full[truth.vertices] = values
                 parts.append(full)
-        return Case(scene, core, parts[0], parts[2], parts[1], parts[3])
+        return Case(scene, core, _divided(scene), parts[0], parts[2], parts[1], parts[3])
 
     return make
+
+
+def _divided(scene: SceneDescription) -> _core.Scene:
+    return build_core_scene(scene, SolverSettings(), 1, divide=True)
 
 
 def _mesh(path: str, shape: Shape, reflectance: float) -> MeshDescription:

@@ -104,11 +104,15 @@ def spread(
 
 @dataclass(frozen=True, slots=True)
 class Convergence:
-    """Of a method on a scene, over all counts of photons. bias : at the last one"""
+    """Of a method on a scene, over all counts of photons. bias : at the last one
+
+    slope_by_seconds : of the RMS error, too; next to no photons still take the least rays a vertex
+    """
 
     scene: str
     method: str
     slope: float
+    slope_by_seconds: float
     bias: float
     least_bias: float
 
@@ -119,8 +123,11 @@ class Convergence:
 
 def convergence(of: Sequence[Spread]) -> Convergence:
     first, last = of[0], of[-1]
-    slope = np.log(last.rms / first.rms) / np.log(last.photons / first.photons)
-    return Convergence(first.scene, first.method, float(slope), last.bias, last.least_bias)
+    slope, by_seconds = (
+        float(np.log(last.rms / first.rms) / np.log(ratio))
+        for ratio in (last.photons / first.photons, last.seconds / first.seconds)
+    )
+    return Convergence(first.scene, first.method, slope, by_seconds, last.bias, last.least_bias)
 
 
 def write_table(path: Path, prose: str, rows: Sequence[dict[str, str]]) -> None:
@@ -138,12 +145,14 @@ def write_tables(folder: Path, spreads: Sequence[Spread], ends: Sequence[Converg
     origin = {"seeds": str(seeds), "commit": commit(), "machine": cpu_name()}
     write_table(
         folder / "convergence.csv",
-        f"Slope of the RMS error against photons (asked: at most {SLOPE}) and the bias left at the "
+        f"Slope of the RMS error against photons (asked: at most {SLOPE}); against seconds of the "
+        "processor, as next to no photons still take the least rays; and the bias left at the "
         f"last count (asked: at most {FLOOR:.1%}, or what can't be told from 0).\n"
         "`python tools/bias_and_variance.py`",
         [
             {
                 "scene": end.scene, "method": end.method, "slope": f"{end.slope:.2f}",
+                "slope by seconds": f"{end.slope_by_seconds:.2f}",
                 "bias": f"{end.bias:.2%}", "least bias told": f"{end.least_bias:.2%}",
                 **origin, "pass": "yes" if end.passed else "no",
             }
@@ -202,7 +211,8 @@ def main() -> None:
     columns = ["scene", "method", "photons", "RMS", "bias", "least told", "noise", "reported", "s"]
     print_table(f"Bias and noise of {arguments.seeds} runs", columns, rows)
     for end in ends:
-        print(f"{end.scene}, {end.method}: slope {end.slope:.2f}, bias {end.bias:.2%}, "
+        print(f"{end.scene}, {end.method}: slope {end.slope:.2f}, by seconds "
+              f"{end.slope_by_seconds:.2f}, bias {end.bias:.2%}, "
               f"{'passes' if end.passed else 'fails'}")  # fmt: skip
     if arguments.tables:
         write_tables(arguments.tables, spreads, ends, arguments.seeds)

@@ -304,3 +304,19 @@ def test_one_stage_is_shown_though_its_time_is_up():
 def test_a_large_mesh_is_worth_a_photon_a_vertex_before_it_is_filtered(photons, first_look):
     run = SimulatedRun(SolverSettings(target_error=0, photons=photons), vertices=500_000)
     assert next(steps("composite", run)).photons == first_look
+
+
+@pytest.mark.parametrize("stages", [1, 3, 4, 8])
+@pytest.mark.parametrize("budget", [0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0])
+def test_what_finer_direct_light_and_the_rays_before_it_found_is_shown(budget, stages):
+    """A finer pass takes four times as long as it was expected to: no time is left after it."""
+    settings = SolverSettings(target_error=0, time_budget=budget, stages=stages)
+    run = run_whose_photons_are_off_by(0.1, settings)
+    run.vertices, run.direct_wanted, run.first_iteration = 200_000, 9, 0.1
+    for step in steps("composite", run):
+        if step.component == "DDL":
+            run.elapsed += 0.1 if run.direct_passes == 0 else 0.8
+            run.direct_passes += 1
+        elif step.component == "gather":
+            run.elapsed += step.rays * run.seconds_per_gather_ray
+    assert step.shown

@@ -202,15 +202,18 @@ def _gather_steps(run: Run, stages: int) -> Iterator[StagePlan]:
         all_but_reached = goal.photons < 1.25 * run.photons or goal.seconds < 1.25 * run.elapsed
         if all_but_reached and not goal.last:
             continue
+        all_shown = True
         # The first rays tell where the others help and whether direct light holds them back.
         if gathered == 0 and (first := _first_rays(run, goal)) > 0:
             gathered = first
+            all_shown = False
             yield StagePlan("gather", run.photons, gathered, shown=False)
         for _ in range(FINER_PASSES):
             if not _finer_direct_pays(run, goal, gathered):
                 break
+            all_shown = False
             yield StagePlan("DDL", run.photons, shown=False)
-        rays = yield from _gather_stage(run, goal, gathered)
+        rays = yield from _gather_stage(run, goal, gathered, all_shown)
         if rays == gathered:
             return
         gathered = rays
@@ -248,13 +251,16 @@ def _finer_direct_pays(run: Run, goal: StageGoal, gathered: int) -> bool:
     return run.direct_share**2 > beside - without
 
 
-def _gather_stage(run: Run, goal: StageGoal, gathered: int) -> Generator[StagePlan, None, int]:
+def _gather_stage(
+    run: Run, goal: StageGoal, gathered: int, all_shown: bool
+) -> Generator[StagePlan, None, int]:
     """Photons and rays in proportion, as far as the time goes.
 
     A ray is the cheaper the more there are, and before the first it counts as a photon. Halves of
     what is left to the last stage, not shown, tell how many there is time for.
 
     gathered : rays so far
+    all_shown : what is known is; else a stage comes, however little time is left
     returns : the same after it
     """
     least = LEAST_GATHER_RAYS * run.vertices
@@ -273,7 +279,7 @@ def _gather_stage(run: Run, goal: StageGoal, gathered: int) -> Generator[StagePl
             if halve and rays < least:
                 halve = False
                 continue
-            if goal.last and rays < least and 0 < gathered == before:
+            if all_shown and goal.last and rays < least and 0 < gathered == before:
                 return gathered
         run.trace_until(StageGoal(photons, goal.seconds, goal.last), "gather")
         rays = min(rays, GATHER_RAYS_PER_PHOTON * run.photons - gathered)

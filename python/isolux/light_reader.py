@@ -170,12 +170,18 @@ def _read_placement(prim: Usd.Prim, context: ReadingContext) -> Placement | None
     if kind in TREATED_AS_THIN and context.value(prim, TREATED_AS_THIN[kind], False):
         size[0] = 0.0
     metres = context.meters_per_unit
+    with np.errstate(over="ignore", invalid="ignore"):  # what is too far is skipped by its place
+        origin, size, area = (
+            to_world[3, :3] * metres,
+            size * metres,
+            float(area) * (metres * metres),
+        )
     return Placement(
         shape,
-        to_world[3, :3] * metres,
+        origin,
         axes,
-        size * metres,
-        float(area) * metres**2,
+        size,
+        area,
         is_mirrored,
         found is not None,
     )

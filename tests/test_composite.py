@@ -208,7 +208,7 @@ def test_the_first_rays_tell_whether_direct_light_holds_back_the_first_gather_sh
     assert run.elapsed == pytest.approx(60, rel=0.1)
 
 
-def test_finer_direct_light_takes_no_more_than_half_of_the_time_left():
+def test_finer_direct_light_leaves_time_for_a_gather():
     settings = SolverSettings(target_error=0, time_budget=20)
     run = SimulatedRun(settings, first_iteration=2.5, direct_wanted=9)
     for step in made("composite", run):

@@ -13,7 +13,6 @@ from reference import DIRECT, INDIRECT, path_traced_reference
 
 from isolux import _core
 from isolux.core_scene import build_core_scene
-from isolux.mesh_division import MeshDivision
 from isolux.scene_description import (
     GoniometricDiagram,
     LuminaireDescription,
@@ -21,6 +20,7 @@ from isolux.scene_description import (
     SceneDescription,
 )
 from isolux.settings import SolverSettings
+from isolux.solved_mesh import SolvedMesh
 from isolux.stage_reader import read_stage
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the scene generators
@@ -53,10 +53,10 @@ class Case:
     indirect_noise: Array
 
     @property
-    def places(self) -> NDArray[np.int32]:
+    def places(self) -> NDArray[np.int64]:
         """(V,) of the scene's vertices in what is solved."""
-        division = MeshDivision.of(self.solved)
-        return np.arange(self.core.vertex_count) if division is None else division.vertices
+        solved = SolvedMesh(self.scene, self.solved)
+        return solved.at_scene(np.arange(self.solved.vertex_count))
 
 
 def shadowed_floor(folder: Path, cache: Path | None) -> Case:

@@ -171,11 +171,8 @@ def _read_placement(prim: Usd.Prim, context: ReadingContext) -> Placement | None
         size[0] = 0.0
     metres = context.meters_per_unit
     with np.errstate(over="ignore", invalid="ignore"):  # what is too far is skipped by its place
-        origin, size, area = (
-            to_world[3, :3] * metres,
-            size * metres,
-            float(area) * (metres * metres),
-        )
+        origin, size = to_world[3, :3] * metres, size * metres
+        area = float(area) * (metres * metres)
     return Placement(
         shape,
         origin,

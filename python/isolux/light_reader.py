@@ -106,6 +106,8 @@ def read_light(prim: Usd.Prim, context: ReadingContext) -> LuminaireDescription 
     if emission is None:
         return None
     flux, diagram = emission
+    if not np.isfinite(flux):
+        raise SceneError(str(prim.GetPath()), f"a luminous flux of {flux:g} lm", "a finite one")
     if not placement.faces and (placement.shape != "sphere" or diagram is not None):
         context.note(prim, light_kind(prim), "skipped", NO_DIRECTION)
         return None
@@ -224,7 +226,10 @@ def _usdlux_emission(
     shaping = _read_shaping(prim, context)
     if shaping.is_plain or luminance <= 0:
         return np.pi * luminance * area, None
-    diagram = shaped_diagram(placement.shape, luminance * area, shaping)
+    with np.errstate(over="ignore", invalid="ignore"):
+        diagram = shaped_diagram(placement.shape, luminance * area, shaping)
+    if not np.isfinite(diagram.candela).all():
+        return np.inf, None
     return _integrate(diagram), mirrored(diagram) if placement.is_mirrored else diagram
 
 

@@ -200,7 +200,7 @@ def lights() -> dict[str, Hostile]:
         "an infinite intensity": "float inputs:intensity = inf",
         "an intensity of text": 'string inputs:intensity = "bright"',
         "an exposure of 1e30": "float inputs:exposure = 1e30",
-        "a luminous flux beyond all numbers": "float inputs:exposure = 1023\n float inputs:radius = 1",
+        "an exposure of 1000": "float inputs:exposure = 1000",
         "a colour of NaN": "color3f inputs:color = (nan, 1, 1)",
         "a negative colour": "color3f inputs:color = (-1, -1, -1)",
         "a colour of one number": "float inputs:color = 1",

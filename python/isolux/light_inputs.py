@@ -8,7 +8,6 @@ from pxr import Usd, UsdGeom, UsdLux
 
 from .errors import SceneError
 from .reading_context import ReadingContext, triple
-from .solution import LUMINANCE_WEIGHTS
 
 
 def light_kind(prim: Usd.Prim) -> str:
@@ -53,13 +52,13 @@ def read_luminance(
 ) -> NDArray[np.float64]:
     """(3,) float64, cd/m² by channel: intensity · 2^exposure · colour, before `normalize`.
 
-    Raises SceneError where it is not finite.
+    Raises SceneError where it is not finite in single precision, as light is solved for.
     """
     intensity = number(prim, "inputs:intensity", 1.0, context)
     exposure = number(prim, "inputs:exposure", 0.0, context)
     with np.errstate(over="ignore", invalid="ignore"):
         luminance = intensity * np.exp2(exposure) * colour
-    if not np.isfinite(luminance @ LUMINANCE_WEIGHTS):
+    if not (np.abs(luminance) <= np.finfo(np.float32).max).all():
         found = f"intensity {intensity:g}, exposure {exposure:g}"
-        raise SceneError(str(prim.GetPath()), found, "a finite luminance")
+        raise SceneError(str(prim.GetPath()), found, "a luminance of at most 3.4e38 cd/m^2")
     return luminance

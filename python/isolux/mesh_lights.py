@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdLux, UsdShade
 
 from .core_scene import mesh_triangles
+from .errors import SceneError
 from .light_inputs import read_colour, read_luminance
 from .reading_context import ReadingContext
 from .scene_description import LuminaireDescription, MeshDescription
@@ -39,7 +40,12 @@ def with_light(prim: Usd.Prim, mesh: MeshDescription, context: ReadingContext) -
             reason = "materialGlowTintsLight, and its material does not glow"
             context.note(prim, "MeshLightAPI", "skipped", reason)
             return mesh
-    shining = replace(mesh, emission=emission.astype(np.float32))
+    with np.errstate(over="ignore"):
+        emission = emission.astype(np.float32)
+    if not np.isfinite(emission).all():
+        found = "a luminance beyond all numbers, normalised or as its material glows"
+        raise SceneError(str(prim.GetPath()), found, "a finite luminance")
+    shining = replace(mesh, emission=emission)
     if mode == "noMaterialResponse":
         shining = replace(shining, reflectance=np.zeros((1, 3), np.float32))
     return shining

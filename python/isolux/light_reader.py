@@ -172,15 +172,12 @@ def _read_placement(prim: Usd.Prim, context: ReadingContext) -> Placement | None
     if kind in TREATED_AS_THIN and context.value(prim, TREATED_AS_THIN[kind], False):
         size[0] = 0.0
     metres = context.meters_per_unit
-    with np.errstate(over="ignore", invalid="ignore"):  # what is too far is skipped by its place
-        origin, size = to_world[3, :3] * metres, size * metres
-        area = float(area) * (metres * metres)
     return Placement(
         shape,
-        origin,
+        to_world[3, :3] * metres,
         axes,
-        size,
-        area,
+        size * metres,
+        float(area) * metres**2,
         is_mirrored,
         found is not None,
     )

@@ -24,13 +24,12 @@ from .skinned_points import Skinning
 # A transform that flattens one direction by more than this, relative to the others, is singular.
 SINGULAR_SCALE = 1e-12
 
-
-# Beyond it, volumes are no numbers any more.
-LARGEST_SCALE = 1e60
+# Of scales and places, stage units. Single precision times it times the largest unit, cubed, is
+# still a number. What is scaled below the least is a point.
+LEAST_SCALE, LARGEST_SCALE = 1e-30, 1e30
 # m; a picometre, with which no surface is measured.
 LEAST_UNIT = 1e-12
-# m; areas and volumes in it are still numbers.
-LARGEST_UNIT = 1e60
+LARGEST_UNIT = 1e30  # m
 NO_TRANSFORM = "its transform is singular, not finite or not readable"
 
 
@@ -140,7 +139,8 @@ class ReadingContext:
     ) -> NDArray[np.float64] | None:
         """(4, 4) float64 local-to-world for row vectors, in stage units; None where there is none.
 
-        None where it is not finite, made of operations that USD can't read, or singular.
+        None where it is not finite or beyond LARGEST_SCALE, made of operations that USD can't read,
+        or singular.
         singular_too : where it is singular, it is given all the same
         """
         if any(prim.GetPath().HasPrefix(broken) for broken in self._broken):
@@ -160,10 +160,12 @@ class ReadingContext:
             return None
         # The least scale over the greatest is at least the determinant over the size cubed.
         size = math.hypot(*matrix[:3, :3].flat)
-        if size > LARGEST_SCALE:
+        if max(size, *map(abs, matrix[3, :3])) > LARGEST_SCALE:
             return None
         if singular_too:
             return matrix
+        if size < LEAST_SCALE:
+            return None
         if abs(transform.GetDeterminant3()) > SINGULAR_SCALE * size * size * size > 0:
             return matrix
         scales = np.linalg.svd(matrix[:3, :3], compute_uv=False)

@@ -420,6 +420,14 @@ def metadata() -> dict[str, Hostile]:
             error=("no path//",),
             code=2,
         ),
+        "included purposes of numbers": Hostile(
+            room(
+                '    def RenderSettings "Odd" { uniform int[] includedPurposes = [1, 2] }\n',
+                header=HEADER.replace(")", '    renderSettingsPrimPath = "/World/Odd"\n)'),
+            ),
+            error=(ODD, "includedPurposes"),
+            code=3,
+        ),
         "a default prim that isn't there": Hostile(
             with_('    metersPerUnit = 1\n    defaultPrim = "Nobody"\n')
         ),

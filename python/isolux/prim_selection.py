@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pxr import Sdf, Usd, UsdGeom, UsdRender
+from pxr import Sdf, Usd, UsdGeom, UsdRender, Vt
 
 try:
     from pxr import UsdLod
 except ImportError:  # usd-core before 26.08
     UsdLod = None
+
+from .errors import SceneError
 
 if TYPE_CHECKING:
     from .reading_context import ReadingContext
@@ -28,7 +30,10 @@ class PrimSelection:
     def __init__(self, stage: Usd.Stage, context: ReadingContext) -> None:
         self._context = context
         render_settings = UsdRender.Settings.GetStageRenderSettings(stage)
-        included = render_settings and render_settings.GetIncludedPurposesAttr().Get()
+        included = render_settings.GetIncludedPurposesAttr().Get() if render_settings else None
+        if included is not None and not isinstance(included, Vt.TokenArray):
+            path = str(render_settings.GetPath())
+            raise SceneError(path, f"includedPurposes = {included!r:.60}", "tokens")
         self._purposes = {str(purpose) for purpose in included or _RENDERED}
         self._other_levels: dict[Sdf.Path, str] = {}
         self._with_proxy: set[Sdf.Path] = set()

@@ -169,7 +169,7 @@ MUTATIONS = (
     Mutation(
         "metersPerUnit not squared in a light's area",
         _PYTHON + "light_reader.py",
-        "float(area) * (metres * metres)",
+        "float(area) * metres**2",
         "float(area) * metres",
         "tests/test_light_reader.py",
     ),

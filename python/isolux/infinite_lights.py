@@ -14,7 +14,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from .environment_map import as_latlong, read_texels
 from .errors import SceneError
-from .light_inputs import light_kind, number, read_colour, read_luminance
+from .light_inputs import in_single_precision, light_kind, number, read_colour, read_luminance
 from .reading_context import ReadingContext
 from .scene_description import GoniometricDiagram, LuminaireDescription
 from .solution import LUMINANCE_WEIGHTS
@@ -177,11 +177,7 @@ def _environment(dome: Usd.Prim, context: ReadingContext) -> NDArray[np.float32]
             context.note(dome, "inputs:texture:file", "approximated", reason)
         else:
             texels = _laid_out(texels, layout, dome, context)
-    with np.errstate(over="ignore"):
-        environment = (texels * luminance).astype(np.float32)
-    if not np.isfinite(environment).all():
-        raise SceneError(str(dome.GetPath()), "a texture too bright", "a finite luminance")
-    return environment
+    return in_single_precision(dome, texels * luminance, "a texture too bright")
 
 
 def _laid_out(

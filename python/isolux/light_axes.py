@@ -14,11 +14,8 @@ def light_axes(linear: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool] 
     linear : (3, 3) float64, the images of the local axes as rows
     returns : None where more than one direction is flattened, so that the light faces nowhere
     """
-    largest = np.abs(linear).max()
-    if largest == 0:
-        return None
     # Products of tiny scales would vanish; a power of two leaves the bits.
-    linear = np.ldexp(linear, -np.frexp(largest)[1])
+    linear = np.ldexp(linear, -np.frexp(np.abs(linear).max())[1])
     local_x, local_y, local_z = linear
     is_mirrored = False
     if _span_a_plane(local_x, local_y, linear):

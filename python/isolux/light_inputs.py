@@ -47,6 +47,17 @@ def read_colour(prim: Usd.Prim, context: ReadingContext) -> NDArray[np.float64]:
     return colour
 
 
+def in_single_precision(
+    prim: Usd.Prim, luminance: NDArray[np.float64], found: str
+) -> NDArray[np.float32]:
+    """A luminance as light is solved for; raises SceneError where it overflows there."""
+    with np.errstate(over="ignore"):
+        single = luminance.astype(np.float32)
+    if not np.isfinite(single).all():
+        raise SceneError(str(prim.GetPath()), found, "a finite luminance")
+    return single
+
+
 def read_luminance(
     prim: Usd.Prim, colour: NDArray[np.float64], context: ReadingContext
 ) -> NDArray[np.float64]:

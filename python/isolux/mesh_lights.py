@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdLux, UsdShade
 
 from .core_scene import mesh_triangles
-from .errors import SceneError
-from .light_inputs import read_colour, read_luminance
+from .light_inputs import in_single_precision, read_colour, read_luminance
 from .reading_context import ReadingContext
 from .scene_description import LuminaireDescription, MeshDescription
 from .solution import LUMINANCE_WEIGHTS
@@ -40,12 +39,8 @@ def with_light(prim: Usd.Prim, mesh: MeshDescription, context: ReadingContext) -
             reason = "materialGlowTintsLight, and its material does not glow"
             context.note(prim, "MeshLightAPI", "skipped", reason)
             return mesh
-    with np.errstate(over="ignore"):
-        emission = emission.astype(np.float32)
-    if not np.isfinite(emission).all():
-        found = "a luminance beyond all numbers, normalised or as its material glows"
-        raise SceneError(str(prim.GetPath()), found, "a finite luminance")
-    shining = replace(mesh, emission=emission)
+    found = "a luminance beyond all numbers, normalised or as its material glows"
+    shining = replace(mesh, emission=in_single_precision(prim, emission, found))
     if mode == "noMaterialResponse":
         shining = replace(shining, reflectance=np.zeros((1, 3), np.float32))
     return shining

@@ -22,18 +22,17 @@ SQUARE = """int[] faceVertexCounts = [4]
     point3f[] points = [(-2, -2, 0), (2, -2, 0), (2, 2, 0), (-2, 2, 0)]"""
 
 
-def numbers(values):
-    return st.sampled_from(values)
-
-
 @given(
     st.sampled_from(KINDS),
-    numbers(UNITS),
+    st.sampled_from(UNITS),
     st.fixed_dictionaries(
-        {name: numbers(NUMBERS) for name in ("intensity", "radius", "width", "height", "length")}
+        {
+            name: st.sampled_from(NUMBERS)
+            for name in ("intensity", "radius", "width", "height", "length")
+        }
     ),
-    st.tuples(*[numbers(SCALES)] * 3),
-    st.tuples(*[numbers(SCALES)] * 3),
+    st.tuples(*[st.sampled_from(SCALES)] * 3),
+    st.tuples(*[st.sampled_from(SCALES)] * 3),
     st.booleans(),
     st.booleans(),
 )

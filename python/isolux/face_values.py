@@ -212,8 +212,7 @@ class FaceValues:
                 values = np.array([coordinates.fallback])
             else:
                 return None
-        with np.errstate(all="ignore"):
-            values = coordinates.of(values)
+        values = coordinates.of(values)
         broken = ~(np.abs(values) <= MAX_COORDINATE).all(axis=1)
         if broken.any():
             name = coordinates.primvar or "their node"

@@ -38,9 +38,8 @@ def read_gprim(
     if to_world is None:
         context.note(prim, kind, "skipped", "its transform is singular or not finite")
         return None
-    with np.errstate(all="ignore"):
-        world = shape.points @ to_world[:3, :3] + to_world[3, :3]
-        world *= context.meters_per_unit
+    world = shape.points @ to_world[:3, :3] + to_world[3, :3]
+    world *= context.meters_per_unit
     if not are_in_reach(world):
         context.note(prim, kind, "skipped", TOO_FAR)
         return None

@@ -293,8 +293,7 @@ class InstanceWalk:
             in_results = path + mesh.path[len(known.path) :]
             on_stage = _rebased(mesh.source_path or mesh.path, known.source, source)
             renamed = "" if on_stage == in_results else on_stage
-            with np.errstate(all="ignore"):
-                copy = motion.copied(mesh, in_results, renamed)
+            copy = motion.copied(mesh, in_results, renamed)
             if are_in_reach(copy.points):
                 self._meshes.append(copy)
             else:

@@ -51,8 +51,7 @@ def in_single_precision(
     prim: Usd.Prim, luminance: NDArray[np.float64], found: str
 ) -> NDArray[np.float32]:
     """A luminance as light is solved for; raises SceneError where it overflows there."""
-    with np.errstate(over="ignore"):
-        single = luminance.astype(np.float32)
+    single = luminance.astype(np.float32)
     if not np.isfinite(single).all():
         raise SceneError(str(prim.GetPath()), found, "a finite luminance")
     return single
@@ -67,8 +66,7 @@ def read_luminance(
     """
     intensity = number(prim, "inputs:intensity", 1.0, context)
     exposure = number(prim, "inputs:exposure", 0.0, context)
-    with np.errstate(over="ignore", invalid="ignore"):
-        luminance = intensity * np.exp2(exposure) * colour
+    luminance = intensity * np.exp2(exposure) * colour
     if not (np.abs(luminance) <= np.finfo(np.float32).max).all():
         found = f"intensity {intensity:g}, exposure {exposure:g}"
         raise SceneError(str(prim.GetPath()), found, "a luminance of at most 3.4e38 cd/m^2")

@@ -223,8 +223,7 @@ def _usdlux_emission(
     shaping = _read_shaping(prim, context)
     if shaping.is_plain or luminance <= 0:
         return np.pi * luminance * area, None
-    with np.errstate(over="ignore", invalid="ignore"):
-        diagram = shaped_diagram(placement.shape, luminance * area, shaping)
+    diagram = shaped_diagram(placement.shape, luminance * area, shaping)
     if not np.isfinite(diagram.candela).all():
         return np.inf, None
     return _integrate(diagram), mirrored(diagram) if placement.is_mirrored else diagram

@@ -187,10 +187,12 @@ class MaterialReader:
     def _emission(
         self, emission: NDArray[np.floating], path: Sdf.Path
     ) -> NDArray[np.float32] | None:
-        if not (np.isfinite(emission) & (emission >= 0)).all():
+        emission = emission.astype(np.float32)
+        shines = np.isfinite(emission) & (emission >= 0)
+        if not shines.all():
             self._note_once(path, "emission", "emission that is negative or not finite is left out")
-            emission = np.where(np.isfinite(emission), np.maximum(emission, 0), 0.0)
-        return emission.astype(np.float32) if (emission > 0).any() else None
+            emission = np.where(shines, emission, np.float32(0))
+        return emission if (emission > 0).any() else None
 
     def _note_once(
         self, path: Sdf.Path, kind: str, reason: str, action: FindingAction = "repaired"

@@ -98,10 +98,7 @@ class MeshTopology:
         filled = self.counts > 0
         if filled.any():
             # Face by face: what is infinite or huge in one is nothing to the others.
-            with np.errstate(invalid="ignore"):
-                totals[filled] = np.add.reduceat(
-                    corners, self.starts[filled], axis=0, dtype=np.float64
-                )
+            totals[filled] = np.add.reduceat(corners, self.starts[filled], axis=0, dtype=np.float64)
         return totals / np.maximum(self.counts, 1)[:, None]
 
     def face_normals(

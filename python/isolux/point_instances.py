@@ -129,10 +129,9 @@ def _matrices(
 ) -> NDArray[np.float64]:
     """(N, 4, 4) float64: scale, then turn, then move; not finite where what is authored isn't."""
     matrices = np.zeros((len(positions), 4, 4))
-    with np.errstate(over="ignore", invalid="ignore"):
-        matrices[:, :3, :3] = np.eye(3) if orientations is None else _rotations(orientations)
-        if scales is not None:
-            matrices[:, :3, :3] *= scales[:, :, None]
+    matrices[:, :3, :3] = np.eye(3) if orientations is None else _rotations(orientations)
+    if scales is not None:
+        matrices[:, :3, :3] *= scales[:, :, None]
     matrices[:, 3, :3] = positions
     matrices[:, 3, 3] = 1.0
     return matrices

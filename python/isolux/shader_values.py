@@ -157,5 +157,4 @@ def _texels_or_value(value: Value, number: int | None) -> NDArray[Any]:
 
 def _evaluate(function: Function, arrays: list[NDArray[Any]]) -> NDArray[Any]:
     channels = min((a.shape[-1] for a in arrays if a.shape[-1] > 1), default=1)
-    with np.errstate(all="ignore"):  # what isn't finite is reported where it is used
-        return function(*(a[..., :channels] for a in arrays))
+    return function(*(a[..., :channels] for a in arrays))

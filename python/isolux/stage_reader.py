@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from pxr import Ar, Sdf, Usd, UsdGeom, UsdLux, UsdUtils
 
 from .errors import SceneError, SettingsError
@@ -96,7 +97,9 @@ def read_source(
             _note_composition_errors(opened, context)
             _note_parts_left_out(opened, context)
             up_axis = _up_axis(opened, context)
-            meshes, luminaires, instanced = _read_prims(opened, context)
+            # What overflows becomes infinite, and is told by whoever reads it.
+            with np.errstate(all="ignore"):
+                meshes, luminaires, instanced = _read_prims(opened, context)
             _note_diagnostics(diagnostics, context)
         scene = SceneDescription(
             meshes=tuple(meshes),

@@ -23,6 +23,7 @@ class SimulatedRun:
     reflects: bool = True
     first_iteration: float = 2.0
     elapsed: float = 0.0
+    stages_shown: int = 0
     photons: int = 0
     radiosity_finished: bool = False
     mesh_finished: bool = False
@@ -71,6 +72,7 @@ def made(method, run):
         if step.component == "gather":
             run.gathered += step.rays
             run.elapsed += step.rays * run.seconds_per_gather_ray
+        run.stages_shown += step.shown
         out.append(step)
     return out
 
@@ -222,8 +224,32 @@ def test_a_refined_run_shows_each_iteration_of_the_mesh():
         output_mode="refined", subdivision_iterations=2, target_error=0, photons=10**8
     )
     every = made("composite", SimulatedRun(settings))
-    assert shown(every) == 3 * ["DEPT"] + 3 * ["DDL"] + 2 * ["gather"]
+    assert shown(every) == 3 * ["DEPT"] + ["DDL", "gather", "DDL", "DDL", "gather"]
     assert [step.iteration for step in every if step.component == "DDL"] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("stages", range(1, 12))
+@pytest.mark.parametrize("budget", [{"photons": 10**8}, {"time_budget": 100}])
+def test_a_refined_run_gathers_a_few_rays_before_it_refines_where_there_is_room(stages, budget):
+    settings = SolverSettings(output_mode="refined", target_error=0, stages=stages, **budget)
+    run = run_whose_photons_are_off_by(0.5, settings)
+    every = made("composite", run)
+    assert len(shown(every)) <= stages
+    assert every[-1].component == "gather"
+    assert every[-1].shown
+    after_t1 = [step for step in every if step.component != "DEPT"]
+    assert [step.iteration for step in after_t1 if step.component == "DDL"] == [0, 1, 2, 3]
+    if stages >= 6:
+        assert [step.component for step in after_t1[:3]] == ["DDL", "gather", "DDL"]
+        assert after_t1[1].shown
+
+
+def test_refining_leaves_half_of_a_time_budget_to_the_gather():
+    settings = SolverSettings(output_mode="refined", target_error=0, time_budget=20)
+    run = run_whose_photons_are_off_by(0.5, settings)
+    every = made("composite", run)
+    gathering = sum(step.rays for step in every) * run.seconds_per_gather_ray
+    assert 10 <= gathering <= run.elapsed <= 20.5
 
 
 def test_a_mesh_that_wants_no_split_ends_direct_lighting():
@@ -284,6 +310,7 @@ def test_a_mesh_that_takes_long_to_filter_keeps_its_budget(filtering, budget, ph
     for step in steps("composite", run):
         run.elapsed += filtering
         run.finishing["DEPT"] = filtering
+        run.stages_shown += step.shown
         every.append(step)
     assert run.elapsed <= max(budget, 0.04 + filtering) + 1e-9
     assert all(step.component == "DEPT" and step.shown for step in every)

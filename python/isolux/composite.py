@@ -22,6 +22,8 @@ LEAST_GATHER_RAYS = 4
 # Error of the photons' indirect light from which on the fewest rays are worth a stage of their own:
 # in office, hall and box they leave 22, 9 and 13 % of 51, 23 and 11.
 LOOK_ERROR = 0.25
+# Of a time budget, for photons and direct light on an adaptive mesh; the rest is the gather's.
+REFINEMENT_SHARE = 0.5
 # Of the time planned for a gather, from which on the time of a ray counts as known.
 AS_PLANNED = 0.8
 # How much longer each finer pass over direct light takes: 1.5 to 2 times on the benchmarks.
@@ -44,6 +46,7 @@ class Run(Protocol):
     vertices: int  # of the illumination mesh
     reflects: bool  # some surface does
     elapsed: float  # s
+    stages_shown: int
     radiosity_finished: bool
     mesh_finished: bool  # no element wants to be split further
 
@@ -93,33 +96,33 @@ def steps(method: Method, run: Run) -> Iterator[StagePlan]:
     if method == "dept":
         yield from _photon_steps(run, "DEPT", run.settings.stages)
         return
-    late_stages = run.settings.stages - _direct_stages(run.settings)
+    direct_stages = _direct_stages(run.settings)
+    late_stages = run.settings.stages - direct_stages
     if method == "composite" and run.reflects:
-        shown = yield from _start(run, late_stages - 1)
+        # Gathers are left a stage, and one before the mesh is refined.
+        yield from _start(run, late_stages - min(2, direct_stages))
         if not _time_for_direct(run):
             # Where the first look alone took all the time, no photon is left to add.
-            if not (shown and _time_is_up(run)):
+            if run.stages_shown == 0 or not _time_is_up(run):
                 yield from _photon_steps(run, "DEPT", max(1, min(3, late_stages - 1)))
             return
-        late_stages = max(1, late_stages - 3)
-    yield from _direct_steps(run)
+    gathered = yield from _direct_steps(run, looks=method == "composite" and run.reflects)
     if not run.reflects:
         return
     if method == "ddl+hpr":
         yield from _radiosity_steps(run)
     else:
-        late_stages = max(1, late_stages)
+        late_stages = max(1, run.settings.stages - run.stages_shown)
         if method == "composite":
-            yield from _gather_steps(run, late_stages)
+            yield from _gather_steps(run, late_stages, gathered)
         else:
             yield from _photon_steps(run, "IDEPT", late_stages)
 
 
-def _start(run: Run, room: int) -> Generator[StagePlan, None, bool]:
+def _start(run: Run, room: int) -> Iterator[StagePlan]:
     """Photons until T1, or a first look alone where the budget leaves no time for direct lighting.
 
     room : how many stages there may be
-    returns : whether one was shown
     """
     bound = run.settings.photons or math.inf
     # A first look, at once; beside its indirect light direct lighting is timed.
@@ -130,10 +133,10 @@ def _start(run: Run, room: int) -> Generator[StagePlan, None, bool]:
         run.trace_until(StageGoal(min(bound, run.vertices), budget, False), "DEPT")
     yield StagePlan("DEPT", run.photons, shown=room >= 2)
     if run.elapsed > budget:
-        return room >= 2
+        return
     first_iteration = run.first_iteration_seconds()
     if not _time_for_direct(run):
-        return room >= 2
+        return
     looked = run.photons * run.seconds_per_photon
     missing = pilot_seconds(first_iteration) - looked
     # Filtering costs more than a pilot that isn't much longer than the first look would tell.
@@ -146,7 +149,6 @@ def _start(run: Run, room: int) -> Generator[StagePlan, None, bool]:
     if min(until, bound) > run.photons:
         run.trace_until(StageGoal(min(until, bound), budget, False), "DEPT")
         yield StagePlan("DEPT", run.photons, shown=room >= 1)
-    return room >= 2
 
 
 def _time_for_direct(run: Run) -> bool:
@@ -162,23 +164,35 @@ def _direct_stages(settings: SolverSettings) -> int:
     return 1 + (settings.subdivision_iterations if settings.output_mode == "refined" else 0)
 
 
-def _direct_steps(run: Run) -> Iterator[StagePlan]:
-    """Direct lighting at the vertices, then iterations of the adaptive mesh."""
+def _direct_steps(run: Run, looks: bool) -> Generator[StagePlan, None, int]:
+    """Direct lighting at the vertices, then iterations of the adaptive mesh.
+
+    looks : a first gather may come between the two
+    returns : rays gathered
+    """
     count = _direct_stages(run.settings)
     budget = run.settings.time_budget or math.inf
+    until = REFINEMENT_SHARE * budget if run.reflects else budget
+    gathered = 0
     shown = False
     for iteration in range(count):
         # Each iteration takes longer than the one before.
-        too_late = run.elapsed + 2 * run.finishing_seconds("DDL") > budget
+        too_late = run.elapsed + 2 * run.finishing_seconds("DDL") > until
         ended = iteration > 0 and (too_late or run.mesh_finished)
         if ended and (shown or run.reflects):
-            return
+            break
         last = ended or iteration == count - 1
         # One stage has to be left for the indirect light.
         shown = run.settings.stages > count - iteration or (last and not run.reflects)
         yield StagePlan("DDL", run.photons, iteration=iteration, shown=shown)
         if ended:  # so that a run without indirect light has shown something
-            return
+            break
+        # Departure: where photons are far off, no refinement shows before a few rays are gathered.
+        room = iteration == 0 < count - 1 and run.settings.stages >= count + 2
+        if looks and room and run.indirect_error > LOOK_ERROR:
+            gathered = LEAST_GATHER_RAYS * run.vertices
+            yield StagePlan("gather", run.photons, gathered)
+    return gathered
 
 
 def _photon_steps(run: Run, component: Component, stages: int) -> Iterator[StagePlan]:
@@ -191,10 +205,12 @@ def _photon_steps(run: Run, component: Component, stages: int) -> Iterator[Stage
         yield StagePlan(component, run.photons)
 
 
-def _gather_steps(run: Run, stages: int) -> Iterator[StagePlan]:
-    """Photons, and a gather over their light, until a stopping criterion."""
-    gathered = 0
-    if stages >= 3 and run.indirect_error > LOOK_ERROR:
+def _gather_steps(run: Run, stages: int, gathered: int) -> Iterator[StagePlan]:
+    """Photons, and a gather over their light, until a stopping criterion.
+
+    gathered : rays so far
+    """
+    if gathered == 0 and stages >= 3 and run.indirect_error > LOOK_ERROR:
         stages -= 1
         gathered = LEAST_GATHER_RAYS * run.vertices
         yield StagePlan("gather", run.photons, gathered)

@@ -114,7 +114,7 @@ class ProgressiveSolver:
         self._finishing: dict[str, float] = {}  # s, of each component's last step
         self._target = TargetError(settings, self.method)
         self._watch = Watch(None, lambda: False)
-        self._index = 0
+        self.stages_shown = 0
         self._error: float | None = None
         self.build_seconds = clock() - started
 
@@ -266,7 +266,7 @@ class ProgressiveSolver:
         self._finishing[step.component] = self._clock() - started
         if step.component == "gather":
             self._gather_ray_seconds = self._finishing.pop("gather") / max(1, step.rays)
-        if step.component == "DDL" and self._gather is None:
+        if step.component == "DDL" and (self._gather is None or step.iteration > 0):
             t1, photons, _ = self._switchover
             self._switchover = (t1 or before, photons or step.photons, self.elapsed)
 
@@ -367,7 +367,7 @@ class ProgressiveSolver:
             time_left = self.elapsed * (1 / fraction - 1) if fraction > 0 else None
             self._watch.on_progress(
                 SolveProgress(
-                    stage=self._index + 1,
+                    stage=self.stages_shown + 1,
                     component=component,
                     photons=self.photons,
                     rms_error=self._error,
@@ -379,14 +379,14 @@ class ProgressiveSolver:
 
     def _solution(self, component: Component) -> Solution:
         """The light as it stands, as the next progressive stage."""
-        self._index += 1
+        self.stages_shown += 1
         light = self._light
         error = light.rms_error
         self._error = None if math.isnan(error) else error
         ends = self._photons.buckets.ends
         t1, t1_photons, t2 = self._switchover
         stage = ProgressiveStage(
-            index=self._index,
+            index=self.stages_shown,
             component=component,
             photons=ends["emitted"],
             rays=ends["rays"],

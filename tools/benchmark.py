@@ -61,6 +61,7 @@ class Effort:
     densities : of the office: 1 has about 100,000 triangles, 3.45 has 1,000,000
     slice_rays : rays and photon events of a slice, of about 0.1 s
     budget : s, of the run whose phases are shown
+    photons : of the run whose memory is compared: as many rays, whatever the mesh or the machine
     filter_photons : of the rows of the filter table
     reference_batches : of the path-traced reference
     """
@@ -69,16 +70,18 @@ class Effort:
     slice_rays: int
     slices: int
     budget: float
+    photons: int
     filter_photons: tuple[int, ...]
     reference_batches: int
 
 
-QUICK = Effort((1.0,), 100_000, 5, 2.0, (1 << 15, 1 << 18), 2)
+QUICK = Effort((1.0,), 100_000, 5, 2.0, 20_000, (1 << 15, 1 << 18), 2)
 FULL = Effort(
     densities=(1.0, 3.45),
     slice_rays=200_000,
     slices=15,
     budget=5.0,
+    photons=200_000,
     filter_photons=tuple(1 << k for k in (14, 16, 18, 20, 22)),
     reference_batches=8,
 )
@@ -254,9 +257,10 @@ def measure_runs(scenes: Sequence[BenchmarkScene], effort: Effort, threads: int)
         folder = Path(name)
         for scene in scenes:
             phases = phase_seconds(scene.path, effort.budget, threads, folder)
-            run = run_solve(scene.path, effort.budget, threads, folder)
+            run = run_solve(scene.path, f"--time-budget={effort.budget:g}", threads, folder)
+            counted = run_solve(scene.path, f"--photons={effort.photons}", threads, folder)
             whole = sum(phases.values())
-            peaks.append(run.peak_memory)
+            peaks.append((run.peak_memory, counted.peak_memory))
             columns.append(
                 [
                     *(f"{seconds / whole:.1%}" for seconds in phases.values()),
@@ -268,6 +272,7 @@ def measure_runs(scenes: Sequence[BenchmarkScene], effort: Effort, threads: int)
                     f"{run.errors[-1]:.1%}, {run.errors_indirect[-1]:.1%}",
                     f"{run.seconds:.2f}",
                     f"{run.peak_memory / 2**20:.0f}",
+                    f"{counted.peak_memory / 2**20:.0f}",
                 ]
             )
     names = [
@@ -280,6 +285,7 @@ def measure_runs(scenes: Sequence[BenchmarkScene], effort: Effort, threads: int)
         "last RMS error, indirect",
         "whole process, s",
         "peak memory, MiB",
+        f"the same of {effort.photons:,} photons, gathered to the end",
     ]
     print_table(
         f"`isolux solve --time-budget {effort.budget:g}`",
@@ -288,7 +294,10 @@ def measure_runs(scenes: Sequence[BenchmarkScene], effort: Effort, threads: int)
     )
     if len(scenes) > 1:
         more = scenes[-1].core.element_count - scenes[0].core.element_count
-        print(f"\n{(peaks[-1] - peaks[0]) / more:.0f} bytes of memory a further triangle")
+        timed, counted = (
+            (last - first) / more for first, last in zip(peaks[0], peaks[-1], strict=True)
+        )
+        print(f"\nMemory a further triangle: {timed:.0f} and {counted:.0f} bytes")
 
 
 def measure_filter(scene: BenchmarkScene, effort: Effort, threads: int) -> None:

@@ -60,15 +60,18 @@ def peak_resident(pid: int) -> int:
     return next((int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM")), 0)
 
 
-def run_solve(stage: Path, budget: float, threads: int, folder: Path) -> Run:
-    """Run the command and watch each progressive stage replace the results on disk."""
+def run_solve(stage: Path, bound: str, threads: int, folder: Path) -> Run:
+    """Run the command and watch each progressive stage replace the results on disk.
+
+    bound : the option that ends it, such as --time-budget=5
+    """
     # As pip leaves an installed package: in a checkout Python may not be let keep its bytecode.
     compileall.compile_dir(Path(isolux.__file__).parent, quiet=1)
     output = folder / f"{stage.stem}.isolux.usda"
     output.unlink(missing_ok=True)
     command = [
         sys.executable, "-m", "isolux", "solve", str(stage), "-o", str(output),
-        "--time-budget", str(budget), "--threads", str(threads),
+        bound, "--threads", str(threads),
     ]  # fmt: skip
     appeared: list[float] = []
     seen, peak_memory, running = 0, 0, True

@@ -64,7 +64,10 @@ def plot_errors(
         panel.set_title(titles[scene], fontsize=10)
         panel.set_xlabel("seconds of building and solving")
         panel.set_ylabel("RMS error of the illuminance, %")
-    panels[0, 0].legend(frameon=False, fontsize=8)
+    # Where a panel is left over it stands there, beside no curve.
+    panels.flat[-1].legend(
+        *panels[0, 0].get_legend_handles_labels(), frameon=False, fontsize=10, loc="center left"
+    )
     figure.suptitle(subtitle, fontsize=8, color="0.35")
     figure.savefig(path, dpi=130)
     plt.close(figure)

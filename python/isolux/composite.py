@@ -167,7 +167,7 @@ def _direct_stages(settings: SolverSettings) -> int:
 def _direct_steps(run: Run, looks: bool) -> Generator[StagePlan, None, int]:
     """Direct lighting at the vertices, then iterations of the adaptive mesh.
 
-    looks : a first gather may come between the two
+    looks : a first gather may come after the first
     returns : rays gathered
     """
     count = _direct_stages(run.settings)
@@ -187,9 +187,9 @@ def _direct_steps(run: Run, looks: bool) -> Generator[StagePlan, None, int]:
         yield StagePlan("DDL", run.photons, iteration=iteration, shown=shown)
         if ended:  # so that a run without indirect light has shown something
             break
-        # Departure: where photons are far off, no refinement shows before a few rays are gathered.
-        room = iteration == 0 < count - 1 and run.settings.stages >= count + 2
-        if looks and room and run.indirect_error > LOOK_ERROR:
+        # Departure: where photons are far off, the fewest rays show more than they or a finer mesh.
+        room = run.settings.stages - run.stages_shown >= max(3, count + 1)
+        if looks and iteration == 0 and room and run.indirect_error > LOOK_ERROR:
             gathered = LEAST_GATHER_RAYS * run.vertices
             yield StagePlan("gather", run.photons, gathered)
     return gathered
@@ -210,10 +210,6 @@ def _gather_steps(run: Run, stages: int, gathered: int) -> Iterator[StagePlan]:
 
     gathered : rays so far
     """
-    if gathered == 0 and stages >= 3 and run.indirect_error > LOOK_ERROR:
-        stages -= 1
-        gathered = LEAST_GATHER_RAYS * run.vertices
-        yield StagePlan("gather", run.photons, gathered)
     for goal in stage_goals(run.settings, stages):
         all_but_reached = goal.photons < 1.25 * run.photons or goal.seconds < 1.25 * run.elapsed
         if all_but_reached and not goal.last:

@@ -53,7 +53,7 @@ def in_single_precision(
     """A luminance as light is solved for; raises SceneError where it overflows there."""
     single = luminance.astype(np.float32)
     if not np.isfinite(single).all():
-        raise SceneError(str(prim.GetPath()), found, "a finite luminance")
+        raise SceneError(str(prim.GetPath()), found, "a luminance of at most 3.4e38 cd/m^2")
     return single
 
 
@@ -62,12 +62,10 @@ def read_luminance(
 ) -> NDArray[np.float64]:
     """(3,) float64, cd/m² by channel: intensity · 2^exposure · colour, before `normalize`.
 
-    Raises SceneError where it is not finite in single precision, as light is solved for.
+    Raises SceneError where it overflows as light is solved for.
     """
     intensity = number(prim, "inputs:intensity", 1.0, context)
     exposure = number(prim, "inputs:exposure", 0.0, context)
     luminance = intensity * np.exp2(exposure) * colour
-    if not (np.abs(luminance) <= np.finfo(np.float32).max).all():
-        found = f"intensity {intensity:g}, exposure {exposure:g}"
-        raise SceneError(str(prim.GetPath()), found, "a luminance of at most 3.4e38 cd/m^2")
+    in_single_precision(prim, luminance, f"intensity {intensity:g}, exposure {exposure:g}")
     return luminance

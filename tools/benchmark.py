@@ -258,9 +258,9 @@ def measure_runs(scenes: Sequence[BenchmarkScene], effort: Effort, threads: int)
         for scene in scenes:
             phases = phase_seconds(scene.path, effort.budget, threads, folder)
             run = run_solve(scene.path, f"--time-budget={effort.budget:g}", threads, folder)
-            counted = run_solve(scene.path, f"--photons={effort.photons}", threads, folder)
+            to_end = run_solve(scene.path, f"--photons={effort.photons}", threads, folder)
             whole = sum(phases.values())
-            peaks.append((run.peak_memory, counted.peak_memory))
+            peaks.append((run.peak_memory, to_end.peak_memory))
             columns.append(
                 [
                     *(f"{seconds / whole:.1%}" for seconds in phases.values()),
@@ -272,7 +272,7 @@ def measure_runs(scenes: Sequence[BenchmarkScene], effort: Effort, threads: int)
                     f"{run.errors[-1]:.1%}, {run.errors_indirect[-1]:.1%}",
                     f"{run.seconds:.2f}",
                     f"{run.peak_memory / 2**20:.0f}",
-                    f"{counted.peak_memory / 2**20:.0f}",
+                    f"{to_end.peak_memory / 2**20:.0f}",
                 ]
             )
     names = [

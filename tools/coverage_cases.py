@@ -92,7 +92,9 @@ def shadowed_floor(folder: Path, cache: Path | None) -> Case:
     return Case(scene, core, _divided(scene), direct, none, none, none)
 
 
-def _traced(generate: Callable[[Path], None], strata: int) -> Callable[[Path, Path | None], Case]:
+def _traced(
+    generate: Callable[[Path], None], strata: int, batches: int = 16
+) -> Callable[[Path, Path | None], Case]:
     """A generated stage; the truth is path-traced at all of its vertices."""
 
     def make(folder: Path, cache: Path | None) -> Case:
@@ -101,7 +103,7 @@ def _traced(generate: Callable[[Path], None], strata: int) -> Callable[[Path, Pa
         scene = read_stage(path)
         core = build_core_scene(scene, SolverSettings(), 1)
         count = int(core.vertex_count)
-        truth = path_traced_reference(scene, core, count, strata=strata, cache=cache)
+        truth = path_traced_reference(scene, core, count, batches, strata, cache=cache)
         parts = []
         for part in (DIRECT, INDIRECT):
             for values in truth.luminance_pair(part):
@@ -134,6 +136,6 @@ def _mesh(path: str, shape: Shape, reflectance: float) -> MeshDescription:
 CASES: dict[str, Callable[[Path, Path | None], Case]] = {
     "shadowed_floor": shadowed_floor,
     "box_room": _traced(lambda path: generate_box_room(path, 0.5, cells=8), 24),
-    "cornell_small": _traced(lambda path: generate_cornell_box(path, density=0.1), 32),
-    "study": _traced(lambda path: generate_study(path, step=0.3), 20),
+    "cornell_small": _traced(lambda path: generate_cornell_box(path, density=0.1), 32, 128),
+    "study": _traced(lambda path: generate_study(path, step=0.3), 20, 160),
 }

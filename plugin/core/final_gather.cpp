@@ -371,7 +371,7 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
         const SeenLight seen{exitances_.seen, illuminance_, {&seen_direct_, &seen_indirect_}};
         of_sides = photon_noise(scene_.mesh(), receivers_, records_, seen, *light.photons,
                                 light.photon_flux);
-        of_buckets = bucket_noise(records_, seen, threads);
+        of_buckets = bucket_noise(scene_.mesh(), records_, seen, threads);
     }
     for (const std::int32_t v : lit_) {
         const double e = luminance(smooth_[v].illuminance);

@@ -17,7 +17,7 @@ constexpr float kLeastCosine = 0.7F;
 // Rays that a value is thought to have beside its own, of the variance of those around.
 constexpr double kPooledRays = 4.0;
 // Standard deviations of the residuals' sum, of curvature that chance may have hidden.
-constexpr double kHidden = 1.0;
+constexpr double kHidden = 2.0;
 // Square height of a bowl, in its variances, that is put down to chance. Hall of 600 luminaires: 2
 // errs by 3 % more, 4 as without bowls; office: 4 errs by 2 to 6 % less than without.
 constexpr double kBowl = 4.0;

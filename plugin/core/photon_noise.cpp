@@ -107,18 +107,28 @@ double photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> rece
     return common / square(1.0 - again) / squares;
 }
 
-std::vector<double> bucket_noise(std::span<const GatherRecord> records, const SeenLight& seen,
+std::vector<double> bucket_noise(const IlluminationMesh& mesh,
+                                 std::span<const GatherRecord> records, const SeenLight& seen,
                                  int threads) {
     const std::size_t vertices = seen.illuminance.size();
     std::vector<double> variances(2 * vertices); // lm²/m⁴, of exitances
+    double exitant = 0.0, reflected_again = 0.0; // lm
     for (std::size_t v = 0; v < vertices; ++v) {
         const double light = luminance(seen.illuminance[v].as<double>());
         if (light > 0.0) {
-            const double reflected = square(photometric(seen.exitances[v]) / light);
+            const double exitance = photometric(seen.exitances[v]);
+            const double reflected = square(exitance / light);
             variances[vertices + v] = reflected * seen.joined[1]->variance[v];
             variances[v] = reflected * seen.joined[0]->variance[v] + variances[vertices + v];
+            const double indirect = luminance(seen.joined[1]->illuminance[v].as<double>());
+            exitant += mesh.areas[v] * exitance;
+            reflected_again += mesh.areas[v] * exitance * indirect / light;
         }
     }
+    // What is seen was gathered off by it, too. After two reflections it is spread over whole
+    // sides, whose light photons keep.
+    const double again = exitant > 0.0 ? reflected_again / exitant : 0.0;
+    const double by_reflections = square(1.0 + again + again * again);
     std::vector<double> out(records.size());
     const std::size_t grain = records.size() / kBlocks + 1; // each clears sums for all vertices
     parallel_blocks(
@@ -145,7 +155,7 @@ std::vector<double> bucket_noise(std::span<const GatherRecord> records, const Se
                     out[r] += (weight * weight - own) * variances[i];
                 }
                 met.clear();
-                out[r] /= n > 1.0 ? n * (n - 1.0) : 1.0;
+                out[r] *= by_reflections / (n > 1.0 ? n * (n - 1.0) : 1.0);
             }
         });
     // Few rays seldom end together: they are believed beside as many of the mean.

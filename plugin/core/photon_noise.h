@@ -31,7 +31,8 @@ double photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> rece
                     const PhotonBuckets& buckets, double photon_flux);
 
 // By those of single buckets: lx², one a record.
-std::vector<double> bucket_noise(std::span<const GatherRecord> records, const SeenLight& seen,
+std::vector<double> bucket_noise(const IlluminationMesh& mesh,
+                                 std::span<const GatherRecord> records, const SeenLight& seen,
                                  int threads);
 
 } // namespace isolux

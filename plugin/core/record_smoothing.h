@@ -2,6 +2,7 @@
 // around it, by as much as its noise asks for.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -14,7 +15,11 @@ namespace isolux {
 class RecordSmoothing {
   public:
     RecordSmoothing(const IlluminationMesh& mesh, std::span<const Receiver> receivers)
-        : mesh_(mesh), receivers_(receivers), regression_(mesh, receivers) {}
+        : mesh_(mesh), receivers_(receivers), regression_(mesh, receivers) {
+        for (auto& left : left_) {
+            left.fill(1.0);
+        }
+    }
 
     // records : one a vertex
     // lit : vertices that light can reach
@@ -33,7 +38,9 @@ class RecordSmoothing {
     const IlluminationMesh& mesh_;
     std::span<const Receiver> receivers_;
     LocalRegression regression_;
-    double noise_share_ = 1.0; // of the variance of independent rays, that a Sobol sequence leaves
+    // Share of the variance of independent rays that 2^k rays of a Sobol sequence leave, by k.
+    static constexpr std::size_t kDoublings = 32, kPlaces = 2; // in the open; where surfaces meet
+    std::array<std::array<double, kDoublings>, kPlaces> left_{};
     double pooled_variance_ = 0.0; // lx², photometric, of one ray
 };
 

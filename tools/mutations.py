@@ -125,6 +125,13 @@ MUTATIONS = (
         "tests/test_direct_lighting.py tests/physics/test_far_field.py",
     ),
     Mutation(
+        "a corner's rays taken for as even as a wall's",
+        _CORE + "record_smoothing.cpp",
+        "kClose = 0.3F",
+        "kClose = 2.0F",
+        "tests/physics/test_gather_noise.py",
+    ),
+    Mutation(
         "an area weight dropped from the exitance that a gather sees",
         _CORE + "final_gather.cpp",
         "surface.reflectance * static_cast<float>(third / mesh.areas[v])",

@@ -7,7 +7,7 @@ said once where they are the same in all rows. What passes and fails is counted 
 or `within` (yes or no) or, of coverage, by `covered` and `nominal`.
 
 Plots are made of the columns case, component, quantity, photons and covered of coverage, and of
-scene, method, photons, rms and bias of convergence (ratios: 0.05, not 5 %).
+scene, method, photons, rms, reported and bias of convergence (ratios: 0.05, not 5 %).
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from validation.rows import CIE_171, Row
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
+from matplotlib.ticker import LogLocator, NullFormatter
 
 if TYPE_CHECKING:
     from validation.recorder import Case
@@ -47,49 +48,63 @@ def draw_plots(
             _draw_coverage(folder / f"{table.name}.png", table)
             caption = "Share of vertices within the reported 95 % interval, by photons"
             figures.setdefault(COVERAGE, []).append((f"{table.name}.png", caption))
-        if table.section == CONVERGENCE and table.has("scene", "method", "photons", "rms", "bias"):
+        if table.section == CONVERGENCE and table.has(
+            "scene", "method", "photons", "rms", "reported"
+        ):
             _draw_convergence(folder / f"{table.name}.png", table)
-            caption = "RMS error (solid) and bias (dashed) by photons"
+            caption = "RMS error (solid), as reported (dotted), and bias (dashed) by photons"
             figures.setdefault(CONVERGENCE, []).append((f"{table.name}.png", caption))
     return figures
 
 
 def _draw_coverage(path: Path, table: Measured) -> None:
-    """One panel a case, a line a component."""
-    rows = [row for row in table.rows if row["quantity"] == "vertex"]
+    """One panel a case, a line a component, dashed with other settings than the default.
+
+    What needs no photons stands in the table alone.
+    """
+    rows = [row for row in table.rows if row["quantity"] == "vertex" and float(row["photons"]) > 0]
     cases = list(dict.fromkeys(row["case"] for row in rows))
-    panels = _panels(len(cases))
-    for axis, case in zip(panels[1], cases, strict=False):
-        lines: dict[str, list[tuple[float, float]]] = {}
+    colours = {name: f"C{i}" for i, name in enumerate(dict.fromkeys(r["component"] for r in rows))}
+    figure, axes = _panels(len(cases))
+    handles: dict[str, Any] = {}
+    for axis, case in zip(axes, cases, strict=False):
+        lines: dict[tuple[str, str], list[tuple[float, float]]] = {}
         for row in rows:
             if row["case"] == case:
-                label = f"{row['component']} {row.get('settings', '')}".strip()
-                lines.setdefault(label, []).append((float(row["photons"]), float(row["covered"])))
-        for label, points in lines.items():
-            axis.plot(*zip(*sorted(points), strict=True), ".-", label=label)
+                key = row["component"], row.get("settings", "default")
+                lines.setdefault(key, []).append((float(row["photons"]), float(row["covered"])))
+        for (component, settings), points in lines.items():
+            label = component if settings == "default" else f"{component}, {settings}"
+            style = ".-" if settings == "default" else ".--"
+            (handles[label],) = axis.plot(
+                *zip(*sorted(points), strict=True), style, color=colours[component], lw=1
+            )
         axis.axhspan(0.95 - COVERED_WITHIN, 0.95 + COVERED_WITHIN, color="0.9")
-        axis.set(title=case, xscale="log", xlabel="photons", ylim=(0, 1.02))
-        axis.legend(fontsize=5)
-    _save(panels[0], path)
+        axis.set(title=case, xscale="log", xlabel="photons", ylim=(0.8, 1.0))
+    below = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "ncol": 5, "frameon": False}
+    figure.legend(handles.values(), handles.keys(), fontsize=7, **below)
+    _save(figure, path)
 
 
 def _draw_convergence(path: Path, table: Measured) -> None:
-    """One panel a scene, two lines a method."""
+    """One panel a scene, three lines a method."""
     scenes = list(dict.fromkeys(row["scene"] for row in table.rows))
-    panels = _panels(len(scenes))
-    for axis, scene in zip(panels[1], scenes, strict=False):
+    figure, axes = _panels(len(scenes))
+    for axis, scene in zip(axes, scenes, strict=False):
         of_scene = [row for row in table.rows if row["scene"] == scene]
         for i, method in enumerate(dict.fromkeys(row["method"] for row in of_scene)):
             rows = [row for row in of_scene if row["method"] == method]
             rows.sort(key=lambda row: float(row["photons"]))
             at = [float(row["photons"]) for row in rows]
-            for column, style in (("rms", ".-"), ("bias", ".--")):
+            for column, style in (("rms", ".-"), ("reported", ":"), ("bias", ".--")):
                 values = [100 * abs(float(row[column])) for row in rows]
-                label = method if column == "rms" else None
-                axis.plot(at, values, style, color=f"C{i}", label=label)
+                axis.plot(at, values, style, color=f"C{i}", label=f"{method}, {column}")
         axis.set(title=scene, xscale="log", yscale="log", xlabel="photons", ylabel="%")
+        axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.yaxis.set_minor_formatter(NullFormatter())
         axis.legend(fontsize=6)
-    _save(panels[0], path)
+    _save(figure, path)
 
 
 def _panels(count: int) -> tuple[Any, list[Any]]:
@@ -140,5 +155,5 @@ def _draw_errors(path: Path, curves: dict[str, list[Row]]) -> None:
 
 def _save(figure: Any, path: Path) -> None:
     figure.tight_layout()
-    figure.savefig(path, dpi=80)
+    figure.savefig(path, dpi=80, bbox_inches="tight")
     plt.close(figure)

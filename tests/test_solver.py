@@ -107,6 +107,19 @@ def test_cancelling_keeps_the_photons_traced_so_far(scene):
     assert solution.illuminance("/World/Floor").min() > 0
 
 
+def test_cancelling_before_another_photon_shows_no_stage_again(scene):
+    settings = isolux.SolverSettings(method="dept", target_error=0.0, photons=80_000, stages=4)
+    shown = []
+    answers = iter([False])  # asked after the first stage, then before the second's photons
+
+    def cancelled():
+        return bool(shown) and next(answers, True)
+
+    for solution in isolux.ProgressiveSolver(scene, settings).stages(cancelled=cancelled):
+        shown.append(solution.stage.photons)
+    assert shown == [10_000]
+
+
 def test_progress_grows_to_the_whole(scene):
     settings = isolux.SolverSettings(target_error=0.0, photons=50_000)
     progress = []

@@ -142,6 +142,9 @@ class ProgressiveSolver:
         """
         self._watch = Watch(on_progress, cancelled)
         for step in replay or steps(self.method, self):
+            before = self._steps[-1] if self._steps else None
+            if cancelled() and before and before.shown and before.photons == step.photons:
+                return  # before there was anything new to show
             try:
                 self._carry_out(step)
             except Cancelled:

@@ -1,6 +1,6 @@
 """Filtered illuminance: which vertices share their photons, and which never do."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +15,10 @@ from core_scenes import (
     surface,
     trace,
 )
-from hand_built import mesh
+from hand_built import mesh, scene_of
+from isolux.components import PhotonTracing
+from isolux.core_scene import build_core_scene
+from isolux.settings import SolverSettings
 
 FLUX = 1000.0  # lm
 ROOM = box((4, 4, 4), 0.25).flipped()
@@ -43,6 +46,24 @@ def test_vertices_without_a_photon_take_the_light_around_them():
         FLUX / np.pi / 900, rel=4 * noise
     )
     assert not indirect.any()
+
+
+@pytest.mark.parametrize(("step", "divide"), [(0.25, False), (2.0, True)])
+def test_a_vertex_under_a_box_shows_the_light_beside_it(step, divide):
+    """Its own bucket is dark; a lamp above the middle lights what is near by far the most."""
+    floor = surface(rectangle((-2, -2, 0), (4, 0, 0), (0, 4, 0), step), 0.5)
+    cover = surface(box((0.2, 0.2, 0.02), 0.2).moved(z=0.005), 0.0)
+    scene = replace(scene_of([floor, cover]), luminaires=(luminaire(FLUX, (0, 0, 1)),))
+    core = build_core_scene(scene, SolverSettings(), 2, divide=divide)
+    photons = PhotonTracing(core, SolverSettings(), 2)
+    photons.trace(400_000)
+    light, _ = photons.filtered()
+    (covered,) = np.flatnonzero(np.abs(core.vertex_positions).max(axis=1) < 0.001)
+    place = core.receiver_positions[covered]
+    assert 0.1 < np.abs(place[:2]).max() < 0.15
+    expected = FLUX / (4 * np.pi) / (1 + place @ place) ** 1.5
+    assert light.direct[covered, 0] == pytest.approx(expected, rel=0.15)
+    assert abs(light.direct[covered, 0] - expected) < 3 * light.direct_error[covered]
 
 
 def test_few_photons_tell_as_much_on_a_finer_mesh():
@@ -218,7 +239,7 @@ def test_zero_or_one_photon_is_no_certainty():
 
 
 def test_light_inside_a_double_sided_room_stays_off_its_outside():
-    room = dataclasses.replace(surface(ROOM, 0.5), double_sided=True)
+    room = replace(surface(ROOM, 0.5), double_sided=True)
     traced = trace([room], [luminaire(FLUX)], 50_000)
     direct, indirect = values(traced, traced.back())
     assert not direct.any()

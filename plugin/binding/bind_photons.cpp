@@ -155,7 +155,7 @@ void bind_photons(nb::module_& module) {
         .def(
             "__init__",
             [](IlluminationFilter* self, const Scene& scene) {
-                new (self) IlluminationFilter(scene.mesh());
+                new (self) IlluminationFilter(scene.mesh(), scene.buried());
             },
             "scene"_a, nb::keep_alive<1, 2>())
         .def("filter", &filter, "scene"_a, "buckets"_a, "accuracy"_a, "sharing"_a,

@@ -65,7 +65,7 @@ class Burial {
 
 } // namespace
 
-PlacedReceivers buried_receivers(const IlluminationMesh& mesh, const IlluminationMesh& traced,
+BuriedReceivers buried_receivers(const IlluminationMesh& mesh, const IlluminationMesh& traced,
                                  const RayCaster& caster, std::span<const Receiver> receivers,
                                  bool lit_from_afar, int threads) {
     const Burial is_buried(traced, caster, lit_from_afar);
@@ -79,6 +79,7 @@ PlacedReceivers buried_receivers(const IlluminationMesh& mesh, const Illuminatio
     // From a vertex in the light towards a buried one, to what covers that.
     std::vector<double> nearest(receivers.size(), std::numeric_limits<double>::max());
     std::vector<Receiver> out(receivers.begin(), receivers.end());
+    std::vector<std::int32_t> from(receivers.size());
     const auto come_out = [&](std::int32_t v, std::int32_t lit) {
         const Vec3f at = (receivers[lit].position - caster.origin()).as<float>();
         // Kept in the place found: an edge that leaves the surface in a cover's own plane goes
@@ -96,6 +97,7 @@ PlacedReceivers buried_receivers(const IlluminationMesh& mesh, const Illuminatio
         if (left < nearest[v]) {
             nearest[v] = left;
             out[v].position = start + along * share;
+            from[v] = lit;
         }
     };
     for_each_side(mesh, [&](const MeshElement&, const auto& vertices) {
@@ -107,14 +109,15 @@ PlacedReceivers buried_receivers(const IlluminationMesh& mesh, const Illuminatio
             }
         }
     });
-    PlacedReceivers placed;
+    BuriedReceivers buried_ones;
     for (std::size_t v = 0; v < out.size(); ++v) {
         if (nearest[v] < std::numeric_limits<double>::max()) {
-            placed.vertices.push_back(static_cast<std::int32_t>(v));
-            placed.receivers.push_back(out[v]);
+            buried_ones.placed.vertices.push_back(static_cast<std::int32_t>(v));
+            buried_ones.placed.receivers.push_back(out[v]);
+            buried_ones.lit.push_back(from[v]);
         }
     }
-    return placed;
+    return buried_ones;
 }
 
 } // namespace isolux

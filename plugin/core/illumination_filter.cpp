@@ -253,7 +253,7 @@ class BlockFilter {
 
 } // namespace
 
-IlluminationFilter::IlluminationFilter(const IlluminationMesh& mesh)
+IlluminationFilter::IlluminationFilter(const IlluminationMesh& mesh, const BuriedReceivers& buried)
     : mesh_(mesh), tree_(mesh), reflectance_(mesh.positions.size()),
       border_(border_vertices(mesh)) {
     const auto reflectance = luminance_reflectance(mesh);
@@ -271,6 +271,16 @@ IlluminationFilter::IlluminationFilter(const IlluminationMesh& mesh)
             open.push_back(cell.first_child + 1);
             open.push_back(cell.first_child);
         }
+    }
+    std::vector<bool> is_buried(buried.lit.empty() ? 0 : mesh.positions.size());
+    for (const std::int32_t v : buried.placed.vertices) {
+        is_buried[v] = true;
+    }
+    for (std::size_t i = 0; i < buried.lit.size(); ++i) {
+        const std::int32_t v = buried.placed.vertices[i];
+        const Vec3d to_place = buried.placed.receivers[i].position - mesh.positions[v];
+        const Vec3f place = tree_.positions()[tree_.rank(v)] + to_place.as<float>();
+        buried_.push_back({v, tree_.nearest_towards(place, buried.lit[i], is_buried)});
     }
 }
 
@@ -306,6 +316,11 @@ std::array<FilteredIllumination, 2> IlluminationFilter::filter(const PhotonBucke
         filtered.offset.resize(n);
         std::ranges::transform(error.square, filtered.standard_error.begin(), root);
         std::ranges::transform(error.offset, filtered.offset.begin(), root);
+        for (const auto [vertex, shown] : buried_) {
+            filtered.illuminance[vertex] = filtered.illuminance[shown];
+            filtered.standard_error[vertex] = filtered.standard_error[shown];
+            filtered.offset[vertex] = filtered.standard_error[shown]; // the bucket tells none of it
+        }
     });
     return out;
 }

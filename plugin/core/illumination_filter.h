@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "core/buried_receivers.h"
 #include "core/illumination_mesh.h"
 #include "core/photon_buckets.h"
 #include "core/poisson_interval.h"
@@ -39,7 +40,7 @@ struct FilteredIllumination {
 
 class IlluminationFilter {
   public:
-    explicit IlluminationFilter(const IlluminationMesh& mesh);
+    IlluminationFilter(const IlluminationMesh& mesh, const BuriedReceivers& buried);
 
     // Of direct and of indirect light. photon_flux: lm a photon.
     std::array<FilteredIllumination, 2> filter(const PhotonBuckets& buckets, double photon_flux,
@@ -51,6 +52,8 @@ class IlluminationFilter {
     std::vector<double> reflectance_;  // of luminance, by rank in the tree
     std::vector<bool> border_;         // by vertex
     std::vector<std::int32_t> blocks_; // cells that hold all vertices, a thread's work each
+    // Vertices within other bodies, whose buckets are dark, and those whose light they show.
+    std::vector<std::array<std::int32_t, 2>> buried_;
 };
 
 } // namespace isolux

@@ -4,7 +4,6 @@
 #include <iterator>
 #include <stdexcept>
 
-#include "core/buried_receivers.h"
 #include "core/touched_surfaces.h"
 
 namespace isolux {
@@ -155,15 +154,15 @@ void Scene::place_receivers(int threads) {
     const bool divided = !division_.vertices.empty();
     const IlluminationMesh& former = divided ? division_.former : mesh_;
     const bool lit_from_afar = std::ranges::any_of(luminaires_, &Luminaire::is_infinite);
-    placed_ = buried_receivers(former, mesh_, ray_caster_,
+    buried_ = buried_receivers(former, mesh_, ray_caster_,
                                divided ? division_.receivers : vertex_receivers(mesh_),
                                lit_from_afar, threads);
-    const PlacedReceivers contacts = contact_receivers(former, mesh_, ray_caster_, threads);
-    std::ranges::copy(contacts.vertices, std::back_inserter(placed_.vertices));
-    std::ranges::copy(contacts.receivers, std::back_inserter(placed_.receivers));
+    contacts_ = contact_receivers(former, mesh_, ray_caster_, threads);
     if (divided) {
-        for (std::int32_t& v : placed_.vertices) {
-            v = division_.vertices[static_cast<std::size_t>(v)];
+        for (auto* vertices : {&buried_.placed.vertices, &buried_.lit, &contacts_.vertices}) {
+            for (std::int32_t& v : *vertices) {
+                v = division_.vertices[static_cast<std::size_t>(v)];
+            }
         }
         division_.former = {};
     }
@@ -174,8 +173,10 @@ std::vector<Receiver> Scene::receivers() const {
     for (std::size_t v = 0; v < division_.vertices.size(); ++v) {
         out[division_.vertices[v]] = division_.receivers[v];
     }
-    for (std::size_t i = 0; i < placed_.vertices.size(); ++i) {
-        out[static_cast<std::size_t>(placed_.vertices[i])] = placed_.receivers[i];
+    for (const PlacedReceivers* placed : {&buried_.placed, &contacts_}) {
+        for (std::size_t i = 0; i < placed->vertices.size(); ++i) {
+            out[static_cast<std::size_t>(placed->vertices[i])] = placed->receivers[i];
+        }
     }
     return out;
 }

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "core/buried_receivers.h"
 #include "core/contact_receivers.h"
 #include "core/illumination_mesh.h"
 #include "core/luminaire.h"
@@ -34,6 +35,7 @@ class Scene {
 
     const IlluminationMesh& mesh() const { return mesh_; }
     const MeshDivision& division() const { return division_; }
+    const BuriedReceivers& buried() const { return buried_; }
     // Where each vertex samples light: as if nothing were divided, so that results tell the light
     // of the same places.
     std::vector<Receiver> receivers() const;
@@ -63,7 +65,8 @@ class Scene {
     double luminous_flux_;
     bool coloured_;
     RayCaster ray_caster_;
-    PlacedReceivers placed_; // those that lie beside, of contacts last, which count
+    BuriedReceivers buried_;
+    PlacedReceivers contacts_; // these count where both place a vertex
 };
 
 } // namespace isolux

@@ -248,4 +248,40 @@ VertexKdTree::VertexKdTree(const IlluminationMesh& mesh) {
     }
 }
 
+std::int32_t VertexKdTree::nearest_towards(const Vec3f& place, std::int32_t vertex,
+                                           const std::vector<bool>& left_out) const {
+    std::uint32_t found = rank(vertex);
+    const Vec3f& normal = normals_[found];
+    const Vec3f way_to_it = positions_[found] - place;
+    const Vec3f towards = normalize(way_to_it);
+    float least = dot(way_to_it, way_to_it);
+    std::vector<const VertexCell*> open{&component_cell(vertex)};
+    while (!open.empty()) {
+        const VertexCell& cell = *open.back();
+        open.pop_back();
+        const Vec3f to_centre = cell.centre - place;
+        const float reach = std::sqrt(least) + cell.radius;
+        if (dot(to_centre, to_centre) > reach * reach ||
+            dot(normal, cell.axis) < cell.none_cosine) {
+            continue;
+        }
+        if (cell.first_child >= 0) {
+            open.push_back(&cells_[cell.first_child]);
+            open.push_back(&cells_[cell.first_child + 1]);
+            continue;
+        }
+        for (std::uint32_t i = cell.begin; i < cell.end; ++i) {
+            const Vec3f way = positions_[i] - place;
+            const float squared = dot(way, way), along = dot(way, towards);
+            if (squared < least && along > 0.0F && 2.0F * along * along >= squared &&
+                areas_[i] > 0.0 && !left_out[vertices_[i]] &&
+                dot(normal, normals_[i]) >= kNormalCosine) {
+                least = squared;
+                found = i;
+            }
+        }
+    }
+    return vertices_[found];
+}
+
 } // namespace isolux

@@ -51,6 +51,11 @@ class VertexKdTree {
 
     std::uint32_t rank(std::int32_t vertex) const { return ranks_[vertex]; }
 
+    // The vertex nearest to a place of the surface of a vertex, in the direction of that within
+    // 45°. place : m, recentred left_out : by vertex
+    std::int32_t nearest_towards(const Vec3f& place, std::int32_t vertex,
+                                 const std::vector<bool>& left_out) const;
+
   private:
     std::vector<VertexCell> cells_;
     std::vector<std::int32_t> component_cells_; // of each vertex

@@ -141,9 +141,10 @@ class ProgressiveSolver:
         replay : the steps of an earlier run (`Solution.steps`), to be made again by its counts
         """
         self._watch = Watch(on_progress, cancelled)
+        photons_shown: int | None = 0  # None: the last step waits to be shown
         for step in replay or steps(self.method, self):
-            before = self._steps[-1] if self._steps else None
-            if cancelled() and before and before.shown and before.photons == step.photons:
+            self.trace_until(StageGoal(step.photons, math.inf, False), step.component)
+            if cancelled() and self.photons == photons_shown:
                 return  # before there was anything new to show
             try:
                 self._carry_out(step)
@@ -151,9 +152,8 @@ class ProgressiveSolver:
                 if self._steps and not self._steps[-1].shown:
                     yield self._solution(self._steps[-1].component)
                 return
-            if step.component == "DEPT" and self.photons == 0:  # stopped before it began
-                return
             self._steps.append(step)
+            photons_shown = self.photons if step.shown else None
             if step.shown or cancelled():
                 solution = self._solution(step.component)
                 yield solution
@@ -253,8 +253,7 @@ class ProgressiveSolver:
         return self._finishing["DDL"]
 
     def _carry_out(self, step: StagePlan) -> None:
-        """Make one step by its counts."""
-        self.trace_until(StageGoal(step.photons, math.inf, False), step.component)
+        """Make one step of the photons there are."""
         started = self._clock()
         before = self.elapsed
         carry_out = {

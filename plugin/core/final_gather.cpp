@@ -365,18 +365,16 @@ GatheredIllumination FinalGather::advance(const KnownLight& light, std::uint64_t
     }
     double square = 0.0, area = 0.0;
     const LookupError bends = lookup_error(scene_.mesh(), records_, exitances_.seen, illuminance_);
-    double of_sides = 0.0;
-    std::vector<double> of_buckets(records_.size());
+    PhotonNoise noise{0.0, std::vector<double>(records_.size())};
     if (light.photons != nullptr && !seen_direct_.variance.empty()) {
         const SeenLight seen{exitances_.seen, illuminance_, {&seen_direct_, &seen_indirect_}};
-        of_sides = photon_noise(scene_.mesh(), receivers_, records_, seen, *light.photons,
-                                light.photon_flux);
-        of_buckets = bucket_noise(scene_.mesh(), records_, seen, threads);
+        noise = photon_noise(scene_.mesh(), receivers_, records_, seen, *light.photons,
+                             light.photon_flux, threads);
     }
     for (const std::int32_t v : lit_) {
         const double e = luminance(smooth_[v].illuminance);
         const double variance =
-            smooth_[v].variance + bends.at(e) + of_sides * e * e + of_buckets[v];
+            smooth_[v].variance + bends.at(e) + noise.of_sides * e * e + noise.of_buckets[v];
         out.indirect[v] = smooth_[v].illuminance;
         out.standard_error[v] = static_cast<float>(std::sqrt(variance));
         square += scene_.told_areas()[v] * variance;

@@ -16,7 +16,9 @@ constexpr float kLeastCosine = 0.7F;
 
 // Rays that a value is thought to have beside its own, of the variance of those around.
 constexpr double kPooledRays = 4.0;
-// Standard deviations of the residuals' sum, of curvature that chance may have hidden.
+// Standard deviations of the residuals' sum, of curvature that chance may have hidden. Cornell box
+// at 300,000 photons: intervals hold the truth a point more often than of 1; 3 tells 1.28 of its
+// error.
 constexpr double kHidden = 2.0;
 // Square height of a bowl, in its variances, that is put down to chance. Hall of 600 luminaires: 2
 // errs by 3 % more, 4 as without bowls; office: 4 errs by 2 to 6 % less than without.

@@ -25,7 +25,7 @@ using Deviations = std::array<double, kBatches>;
 
 struct SideLight {
     std::array<std::vector<Deviations>, 2> deviations; // of each path, one a side
-    std::array<std::vector<double>, 2> kept;           // share of the light that is photons'
+    std::vector<double> kept; // share of the indirect light that is photons', one a side
 };
 
 SideLight side_light(const IlluminationMesh& mesh, std::span<const Receiver> receivers,
@@ -36,7 +36,6 @@ SideLight side_light(const IlluminationMesh& mesh, std::span<const Receiver> rec
         const auto p = static_cast<std::size_t>(path);
         auto& sides = out.deviations[p];
         sides.resize(mesh_side_count(mesh));
-        out.kept[p].resize(sides.size());
         for (std::size_t v = 0; v < receivers.size(); ++v) {
             const auto counts = buckets.batch_hit_counts(static_cast<std::int32_t>(v), path);
             Deviations& side = sides[mesh_side(receivers[v])];
@@ -52,7 +51,9 @@ SideLight side_light(const IlluminationMesh& mesh, std::span<const Receiver> rec
             for (const double count : sides[s]) {
                 all += count;
             }
-            out.kept[p][s] = std::min(1.0, all * photon);
+            if (path == LightPath::indirect) {
+                out.kept.push_back(std::min(1.0, all * photon));
+            }
             for (double& count : sides[s]) {
                 count = (count - all / k) * photon * std::sqrt(k / (k - 1.0));
             }
@@ -61,14 +62,32 @@ SideLight side_light(const IlluminationMesh& mesh, std::span<const Receiver> rec
     return out;
 }
 
-} // namespace
+// Shares of the exitance: what had been reflected before, and of that what isn't photons' own.
+struct ReflectedAgain {
+    double all, gathered;
+};
 
-double photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> receivers,
-                    std::span<const GatherRecord> records, const SeenLight& seen,
-                    const PhotonBuckets& buckets, double photon_flux) {
-    const SideLight sides = side_light(mesh, receivers, seen.joined, buckets, photon_flux);
+ReflectedAgain reflected_again(const IlluminationMesh& mesh, std::span<const Receiver> receivers,
+                               const SeenLight& seen, const SideLight& sides) {
+    double exitant = 0.0, again = 0.0, gathered = 0.0; // lm
+    for (std::size_t v = 0; v < receivers.size(); ++v) {
+        const double light = luminance(seen.illuminance[v].as<double>());
+        if (light > 0.0) {
+            const double flux = mesh.areas[v] * photometric(seen.exitances[v]);
+            const double indirect =
+                flux * luminance(seen.joined[1]->illuminance[v].as<double>()) / light;
+            exitant += flux;
+            again += indirect;
+            gathered += indirect * (1.0 - sides.kept[mesh_side(receivers[v])]);
+        }
+    }
+    return exitant > 0.0 ? ReflectedAgain{again / exitant, gathered / exitant}
+                         : ReflectedAgain{0.0, 0.0};
+}
+
+double side_noise(std::span<const Receiver> receivers, std::span<const GatherRecord> records,
+                  const SeenLight& seen, const SideLight& sides, const ReflectedAgain& again) {
     double common = 0.0, squares = 0.0; // lx²
-    double all = 0.0, reflected_again = 0.0, kept = 0.0;
     const std::size_t step = (records.size() + kRecords - 1) / kRecords;
     for (std::size_t r = 0; r < records.size(); r += step) {
         const GatherRecord& record = records[r];
@@ -88,9 +107,6 @@ double photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> rece
                 for (std::size_t b = 0; b < kBatches; ++b) {
                     off[b] += part * sides.deviations[p][side][b];
                 }
-                all += part;
-                reflected_again += p == 1 ? part : 0.0;
-                kept += p == 1 ? part * sides.kept[p][side] : 0.0;
             }
         });
         for (const double of_batch : off) {
@@ -98,37 +114,25 @@ double photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> rece
         }
         squares += square(luminance(record.illuminance.as<double>()));
     }
-    if (squares <= 0.0) {
-        return 0.0;
-    }
-    // What isn't the photons' own of the light that is reflected again was gathered with the same
-    // error.
-    const double again = all > 0.0 ? (reflected_again - kept) / all : 0.0;
-    return common / square(1.0 - again) / squares;
+    // What isn't photons' own was gathered with the same error.
+    return squares > 0.0 ? common / square(1.0 - again.gathered) / squares : 0.0;
 }
 
-std::vector<double> bucket_noise(const IlluminationMesh& mesh,
-                                 std::span<const GatherRecord> records, const SeenLight& seen,
-                                 int threads) {
+std::vector<double> bucket_noise(std::span<const GatherRecord> records, const SeenLight& seen,
+                                 const ReflectedAgain& again, int threads) {
     const std::size_t vertices = seen.illuminance.size();
     std::vector<double> variances(2 * vertices); // lm²/m⁴, of exitances
-    double exitant = 0.0, reflected_again = 0.0; // lm
     for (std::size_t v = 0; v < vertices; ++v) {
         const double light = luminance(seen.illuminance[v].as<double>());
         if (light > 0.0) {
-            const double exitance = photometric(seen.exitances[v]);
-            const double reflected = square(exitance / light);
+            const double reflected = square(photometric(seen.exitances[v]) / light);
             variances[vertices + v] = reflected * seen.joined[1]->variance[v];
             variances[v] = reflected * seen.joined[0]->variance[v] + variances[vertices + v];
-            const double indirect = luminance(seen.joined[1]->illuminance[v].as<double>());
-            exitant += mesh.areas[v] * exitance;
-            reflected_again += mesh.areas[v] * exitance * indirect / light;
         }
     }
     // What is seen was gathered off by it, too. After two reflections it is spread over whole
     // sides, whose light photons keep.
-    const double again = exitant > 0.0 ? reflected_again / exitant : 0.0;
-    const double by_reflections = square(1.0 + again + again * again);
+    const double by_reflections = square(1.0 + again.all + again.all * again.all);
     std::vector<double> out(records.size());
     const std::size_t grain = records.size() / kBlocks + 1; // each clears sums for all vertices
     parallel_blocks(
@@ -171,6 +175,17 @@ std::vector<double> bucket_noise(const IlluminationMesh& mesh,
         out[r] = (n * out[r] + kRaysOfMean * expected) / (n + kRaysOfMean);
     }
     return out;
+}
+
+} // namespace
+
+PhotonNoise photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> receivers,
+                         std::span<const GatherRecord> records, const SeenLight& seen,
+                         const PhotonBuckets& buckets, double photon_flux, int threads) {
+    const SideLight sides = side_light(mesh, receivers, seen.joined, buckets, photon_flux);
+    const ReflectedAgain again = reflected_again(mesh, receivers, seen, sides);
+    return {side_noise(receivers, records, seen, sides, again),
+            bucket_noise(records, seen, again, threads)};
 }
 
 } // namespace isolux

@@ -25,14 +25,13 @@ struct SeenLight {
     EachPathJoined joined;
 };
 
-// By the photons of whole sides: mean square error over mean square illuminance of some records.
-double photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> receivers,
-                    std::span<const GatherRecord> records, const SeenLight& seen,
-                    const PhotonBuckets& buckets, double photon_flux);
+struct PhotonNoise {
+    double of_sides = 0.0; // mean square error over mean square illuminance of some records
+    std::vector<double> of_buckets; // lx², one a record
+};
 
-// By those of single buckets: lx², one a record.
-std::vector<double> bucket_noise(const IlluminationMesh& mesh,
-                                 std::span<const GatherRecord> records, const SeenLight& seen,
-                                 int threads);
+PhotonNoise photon_noise(const IlluminationMesh& mesh, std::span<const Receiver> receivers,
+                         std::span<const GatherRecord> records, const SeenLight& seen,
+                         const PhotonBuckets& buckets, double photon_flux, int threads);
 
 } // namespace isolux

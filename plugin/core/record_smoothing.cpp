@@ -66,8 +66,10 @@ void RecordSmoothing::estimate_noise(std::span<const GatherRecord> records,
         };
         const double halves = sum([](const Squares& of) { return of.halves; });
         const double quarters = sum([](const Squares& of) { return of.quarters; });
-        const double slope =
-            halves > 0.0 ? std::clamp(std::log2(quarters / halves), 1.0, 2.0) : 1.0;
+        if (halves <= 0.0) {
+            continue; // nothing tells it
+        }
+        const double slope = std::clamp(std::log2(quarters / halves), 1.0, 2.0);
         const auto fallen = [&](std::size_t k) {
             return std::exp2(-slope * static_cast<double>(k));
         };
@@ -78,7 +80,7 @@ void RecordSmoothing::estimate_noise(std::span<const GatherRecord> records,
             }
             return out;
         });
-        if (halves > 0.0 && independent > 0.0) {
+        if (independent > 0.0) {
             const double one = halves / (std::exp2(slope) - 1.0) / independent;
             for (std::size_t k = 0; k < kDoublings; ++k) {
                 left_[p][k] = std::min(1.0, one * fallen(k) * std::exp2(k));

@@ -51,8 +51,9 @@ class VertexKdTree {
 
     std::uint32_t rank(std::int32_t vertex) const { return ranks_[vertex]; }
 
-    // The vertex nearest to a place of the surface of a vertex, in the direction of that within
-    // 45°. place : m, recentred left_out : by vertex
+    // Of a vertex's surface the one nearest to a place, within 45° of the way from there to it.
+    // place : m, recentred
+    // left_out : by vertex
     std::int32_t nearest_towards(const Vec3f& place, std::int32_t vertex,
                                  const std::vector<bool>& left_out) const;
 

@@ -69,11 +69,17 @@ runs come from the tables (CSV) beside this page, which say of which commit they
 
 
 def provenance(seconds: float) -> str:
-    git = ["git", "describe", "--always", "--dirty", "--exclude=*"]
-    found = subprocess.run(git, cwd=HERE, capture_output=True, text=True)
+    found = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], cwd=HERE, capture_output=True, text=True
+    )
+    written = [":!*.png", ":!README.md"]  # beside this file, by this run
+    changed = subprocess.run(
+        ["git", "diff", "--quiet", "HEAD", "--", ":/", *written], cwd=HERE, capture_output=True
+    )
     commit = found.stdout.strip() or "unknown"
     return (
-        f"Commit {commit.replace('-dirty', ' and changes')}; {processor()}, {platform.system()}; "
+        f"Commit {commit}{' and changes' if changed.returncode == 1 else ''}; {processor()}, "
+        f"{platform.system()}; "
         f"{seconds:.0f} s of processor time."
     )
 
